@@ -1,0 +1,1 @@
+"""Trace in, verdict out. Pure; touches no backend."""

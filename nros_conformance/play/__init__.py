@@ -1,0 +1,1 @@
+"""Scenario and backend in, trace out. Knows no verdict."""

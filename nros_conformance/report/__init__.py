@@ -1,0 +1,1 @@
+"""Verdicts in, tables out. Knows no backend."""

@@ -1,0 +1,194 @@
+"""The contract that an adapter implements: the nano-ros vtable in Python terms (``nros/rmw_vtable.h``).
+
+Calls answer with return codes (plain integers, so that a code outside the published set can be
+observed); creation raises `RmwError`. Event kinds are plain integers at this border.
+
+What an adapter has to write is small: `Backend.create_session`, and of the three entities the
+abstract methods. Everything else has the default that the contract gives it.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+from nros_conformance.rmw.clock import Clock
+from nros_conformance.rmw.codes import ReturnCode
+from nros_conformance.rmw.events import EventCallback
+from nros_conformance.rmw.qos import QosProfile
+
+MessageCallback: TypeAlias = Callable[[object], None]
+"""``callback(context)``: a sample can be taken from the subscription it was registered on."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Host:
+    """What the harness lends a backend for one scenario.
+
+    ``network`` numbers the scenarios that live at the same time on this host, so that each can have a
+    domain, port or partition of its own; ``ports`` are leased for this run alone.
+    """
+
+    clock: Clock
+    variant: str = ""
+    network: int = 0
+    ports: range = range(0)
+    scratch: Path = Path()
+    options: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class SessionOptions:
+    """Arguments of ``create_session``. ``domain_id`` 0 is the scenario's own domain, 1 its neighbour.
+
+    ``connection_lease_ms`` and ``hard_liveliness_ms``: 0 means the backend's default, respectively off.
+    """
+
+    node_name: str = "node"
+    locator: str = ""
+    mode: str = "client"
+    domain_id: int = 0
+    connection_lease_ms: int = 0
+    hard_liveliness_ms: int = 0
+
+
+class Entity(abc.ABC):
+    """What publishers and subscriptions have in common.
+
+    ``qos`` is what is in force, which an adapter may have had to complete.
+    """
+
+    topic: str
+    type_name: str
+    qos: QosProfile
+
+    @abc.abstractmethod
+    def supports_event(self, kind: int) -> bool:
+        """Whether `register_event` would answer OK for this kind on this entity (REG-001)."""
+
+    @abc.abstractmethod
+    def register_event(self, kind: int, deadline_ms: int, callback: EventCallback | None, context: object) -> int:
+        """Have ``callback(kind, status, context)`` called from `Session.drive_io`.
+
+        ``deadline_ms`` matters for the two deadline kinds when the QoS states no deadline (C04).
+        Answers OK, UNSUPPORTED, INVALID_ARGUMENT (no callback, destroyed entity) or INCOMPATIBLE_QOS
+        (a deadline kind without any finite period). A second registration replaces the first.
+        """
+
+    @abc.abstractmethod
+    def destroy(self) -> int:
+        """Release everything; no callback runs afterwards. A second call is harmless (LIF-004)."""
+
+
+class Publisher(Entity):
+    """The sending end."""
+
+    @abc.abstractmethod
+    def publish_raw(self, data: bytes) -> int:
+        """Send one serialized sample."""
+
+    def assert_liveliness(self) -> int:
+        """OK without effect for AUTOMATIC and NONE, else what the backend can do (LVL-003)."""
+        return ReturnCode.UNSUPPORTED if self.qos.liveliness.is_manual else ReturnCode.OK
+
+
+class Subscription(Entity):
+    """The receiving end."""
+
+    @abc.abstractmethod
+    def has_data(self) -> bool | int:
+        """Whether `try_recv_raw` would return a sample, without taking it; or a negative code."""
+
+    @abc.abstractmethod
+    def try_recv_raw(self, max_size: int) -> bytes | int:
+        """The oldest sample, or NO_DATA, BUFFER_TOO_SMALL or another negative code."""
+
+    def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
+        """Have ``callback(context)`` called from `Session.drive_io` for each sample, in order with events.
+
+        A backend without it answers UNSUPPORTED; the executor then looks at `has_data` after the drive.
+        """
+        return ReturnCode.UNSUPPORTED
+
+
+class Session(abc.ABC):
+    """A connection to the middleware, driven by the thread that calls `drive_io`."""
+
+    @abc.abstractmethod
+    def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
+        """Raises `RmwError`: INCOMPATIBLE_QOS, TOPIC_NAME_INVALID, INVALID_ARGUMENT, CONNECTION_FAILED..."""
+
+    @abc.abstractmethod
+    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> Subscription:
+        """Raises `RmwError` as `create_publisher` does."""
+
+    @abc.abstractmethod
+    def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
+        """Move bytes and dispatch callbacks, for at most ``timeout_ms``; OK when idle (C09).
+
+        At most ``max_callbacks`` run, messages and events together; what is left runs in later calls.
+        """
+
+    def ping(self, timeout_ms: int, attempts: int = 1) -> int:
+        """OK if the peer answered this very probe in time, TIMEOUT if not, UNSUPPORTED without a round trip."""
+        return ReturnCode.UNSUPPORTED
+
+    @abc.abstractmethod
+    def destroy(self) -> int:
+        """Close, and release everything of this session in bounded time, also with a dead peer."""
+
+
+class Environment:
+    """An agent, router or broker that a backend needs beside it. The default needs none."""
+
+    def start(self) -> None:
+        """Start it; raises `RmwError` CONNECTION_FAILED with the reason when it does not come up."""
+
+    def stop(self, *, kill: bool = False) -> None:
+        """Stop it, orderly or with SIGKILL."""
+
+    def endpoint(self) -> str:
+        """What a client puts into `SessionOptions.locator`; empty when there is nothing."""
+        return ""
+
+    def log(self) -> str:
+        """What it has printed so far."""
+        return ""
+
+
+class Backend(abc.ABC):
+    """One middleware. A fresh instance plays each scenario."""
+
+    def __init__(self, host: Host) -> None:
+        self.host = host
+
+    @abc.abstractmethod
+    def create_session(self, options: SessionOptions) -> Session:
+        """Open a session; raises `RmwError` CONNECTION_FAILED, INVALID_CONFIG..."""
+
+    def ping(self, options: SessionOptions, timeout_ms: int, attempts: int = 1) -> int:
+        """A ping before any session exists."""
+        return ReturnCode.UNSUPPORTED
+
+    def close(self) -> None:  # noqa: B027 - most backends share nothing
+        """Release what outlives the sessions, such as a network that they share."""
+
+    # Harness hooks, outside the contract.
+
+    def environment(self) -> Environment:
+        """The peer that has to run beside the sessions."""
+        return Environment()
+
+    def await_matched(self, publisher: Publisher, subscription: Subscription, until_ns: int) -> bool | None:
+        """Wait, without sending data, until both ends know each other; None: this backend cannot tell.
+
+        Called from the harness while other threads drive both sessions.
+        """
+        return None
+
+    def versions(self) -> Mapping[str, str]:
+        """Name and version of the middleware packages in use, for the report."""
+        return {}

@@ -1,0 +1,182 @@
+"""Detection pieces that adapters compose: counters, a deadline clock, gap and liveliness trackers.
+
+Each is plain bookkeeping over times and identities that the adapter hands in. A *source* is one of
+them seen by the ready queue: `take` yields the status for the next callback, or None when nothing
+has changed since the last one, so that several occurrences coalesce into one callback (CNT-006).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Protocol
+
+from nros_conformance.rmw.clock import NEVER
+from nros_conformance.rmw.events import CountStatus, EventStatus, LivelinessChangedStatus
+
+U32 = 2**32
+
+
+class Source(Protocol):
+    """What can become an event."""
+
+    @property
+    def ready_ns(self) -> int | None:
+        """Since when an unreported occurrence waits; None when there is none."""
+
+    def take(self) -> EventStatus | None:
+        """The status to report now; afterwards nothing is pending."""
+
+
+class CountTracker:
+    """A cumulative total and what of it has been reported (CNT-001, CNT-002).
+
+    At the limit of u32 it saturates; the change stays true (CNT-007).
+    """
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._reported = 0
+        self._since: int | None = None
+
+    def add(self, count: int, at_ns: int) -> None:
+        """Note ``count`` occurrences, the first of them at ``at_ns``."""
+        if count <= 0:
+            return
+        self.total += count
+        if self._since is None:
+            self._since = at_ns
+
+    @property
+    def ready_ns(self) -> int | None:
+        return self._since
+
+    def take(self) -> CountStatus | None:
+        if self._since is None:
+            return None
+        change, self._reported, self._since = self.total - self._reported, self.total, None
+        return CountStatus(min(self.total, U32 - 1), min(change, U32 - 1))
+
+
+class DeadlineClock:
+    """Counts the periods that have elapsed since a sample; exact, however rarely it is looked at.
+
+    Not armed before the first `restart` (C03: ``first_sample``), so nothing is missed before it.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self.period_ns = period_ns
+        self.misses = CountTracker()
+        self._anchor: int | None = None
+        self._counted = 0
+
+    def restart(self, at_ns: int) -> None:
+        """A sample came (or went) at ``at_ns``: misses before it are counted, then a new period begins."""
+        self.update(at_ns)
+        self._anchor, self._counted = at_ns, 0
+
+    def update(self, now_ns: int) -> None:
+        """Count the periods that have elapsed by ``now_ns``."""
+        if self._anchor is None:
+            return
+        elapsed = (now_ns - self._anchor) // self.period_ns
+        if elapsed > self._counted:
+            self.misses.add(elapsed - self._counted, self.next_due_ns)
+            self._counted = elapsed
+
+    @property
+    def next_due_ns(self) -> int:
+        """When the next miss falls due; `NEVER` while not armed."""
+        if self._anchor is None:
+            return NEVER
+        return self._anchor + (self._counted + 1) * self.period_ns
+
+
+class GapTracker:
+    """Samples lost between delivered ones, by per-publisher sequence number (MSL-003).
+
+    The first sample of a publisher synchronises; duplicates and reordering are not loss (MSL-004):
+    a sample that fills a gap after all is taken back as long as its loss was not reported.
+    """
+
+    def __init__(self, modulus: int = U32) -> None:
+        self.losses = CountTracker()
+        self._modulus = modulus
+        self._last: dict[Hashable, int] = {}
+
+    def sample(self, publisher: Hashable, sequence: int, at_ns: int) -> int:
+        """Note a received sample; returns how many before it were found lost."""
+        last = self._last.get(publisher)
+        step = 1 if last is None else (sequence - last) % self._modulus
+        if step == 0 or step > self._modulus // 2:
+            return 0  # a duplicate, or an older one
+        self._last[publisher] = sequence
+        self.losses.add(step - 1, at_ns)
+        return step - 1
+
+    def forget(self, publisher: Hashable) -> None:
+        """The publisher is gone or has restarted: its next sample synchronises again."""
+        self._last.pop(publisher, None)
+
+
+class LivelinessCounter:
+    """Who is alive and who is not, and what of it has been reported (CNT-004, LVC-006).
+
+    The change fields are differences against the last report, so transitions that cancel out
+    between two reports leave no callback (CNT-003).
+    """
+
+    def __init__(self) -> None:
+        self._state: dict[Hashable, bool] = {}
+        self._alive = 0
+        self._reported = (0, 0)
+        self._since: int | None = None
+
+    def alive(self, publisher: Hashable, at_ns: int) -> None:
+        """The publisher is known and alive, or alive again."""
+        self._move(publisher, True, at_ns)
+
+    def not_alive(self, publisher: Hashable, at_ns: int) -> None:
+        """The lease of a known publisher has expired."""
+        if publisher in self._state:
+            self._move(publisher, False, at_ns)
+
+    def gone(self, publisher: Hashable, at_ns: int) -> None:
+        """The publisher was destroyed in an orderly way (LVC-003)."""
+        self._move(publisher, None, at_ns)
+
+    def set_counts(self, alive: int, not_alive: int, at_ns: int) -> None:
+        """For middleware that reports counts instead of identities."""
+        self._state = {("alive" if i < alive else "lost", i): i < alive for i in range(alive + not_alive)}
+        self._alive = alive
+        self._touch(at_ns)
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Alive and not alive, now."""
+        return self._alive, len(self._state) - self._alive
+
+    @property
+    def ready_ns(self) -> int | None:
+        return self._since
+
+    def take(self) -> LivelinessChangedStatus | None:
+        self._since = None
+        counts, last = self.counts, self._reported
+        if counts == last:
+            return None
+        self._reported = counts
+        return LivelinessChangedStatus(*counts, counts[0] - last[0], counts[1] - last[1])
+
+    def _move(self, publisher: Hashable, alive: bool | None, at_ns: int) -> None:
+        self._alive += (alive is True) - (self._state.get(publisher) is True)
+        if alive is None:
+            self._state.pop(publisher, None)
+        else:
+            self._state[publisher] = alive
+        self._touch(at_ns)
+
+    def _touch(self, at_ns: int) -> None:
+        if self.counts == self._reported:
+            self._since = None
+        elif self._since is None:
+            self._since = at_ns

@@ -1,0 +1,1 @@
+"""Declarative suites: schema, loader, requirement catalogue."""

@@ -1,0 +1,473 @@
+"""The suite format, version 1, as types. The JSON Schema (`jsonschema.py`) is generated from them.
+
+A step or an expectation is a mapping whose *head*, its first word, says what it is; `STEPS`, `DOINGS`,
+`GIVENS` and `EXPECTATIONS` list the heads. Fields that name Python keywords end in ``_`` here only.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+from msgspec import Meta, Struct, field
+
+from nros_conformance.formats.durations import Duration, Period
+from nros_conformance.suite.moments import Moment
+
+Profile: TypeAlias = Literal["smoke", "standard", "publish"]
+PROFILES: tuple[Profile, ...] = ("smoke", "standard", "publish")
+"""Each one includes those before it."""
+
+KindName: TypeAlias = Literal[
+    "LivelinessChanged", "RequestedDeadlineMissed", "MessageLost", "LivelinessLost", "OfferedDeadlineMissed"
+]
+KindOrAny: TypeAlias = KindName | Literal["ANY"]
+Identifier: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+RequirementId: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Z]{3}-[0-9]{3}$")]
+ScenarioId: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z]+\.[a-z0-9-]+$")]
+Labels: TypeAlias = Identifier | list[Identifier]
+FaultName: TypeAlias = Literal[
+    "crash", "freeze", "thaw", "lose", "duplicate", "reorder", "delay", "block", "partition", "heal", "stall",
+    "overflow", "stop", "start", "bus_off", "inject", "clock_step", "preset", "load",
+]  # fmt: skip
+
+
+class Base(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What all parts of a suite have in common: frozen, and a key that is not known is an error."""
+
+
+# --- who takes part -------------------------------------------------------------------------------
+
+
+class Qos(Base, frozen=True, kw_only=True):
+    """QoS of an entity: a standard profile, and what differs from it."""
+
+    profile: Literal["default", "sensor_data", "services_default", "parameters", "system_default"] = "default"
+    reliability: Literal["reliable", "best_effort"] | None = None
+    durability: Literal["volatile", "transient_local"] | None = None
+    history: Literal["keep_last", "keep_all"] | None = None
+    depth: int | None = None
+    deadline: Period | None = None
+    lifespan: Period | None = None
+    liveliness: Literal["none", "automatic", "manual_by_topic", "manual_by_node"] | None = None
+    lease: Period | None = None
+
+
+class Session(Base, frozen=True, kw_only=True):
+    """A session. Sessions without an entry here take their defaults."""
+
+    process: Literal["shared", "own"] = "shared"
+    domain: int = 0
+    node: Identifier | None = None
+    driven: bool = True
+    """Whether it is driven in the background while the script waits."""
+    may_fail: bool = False
+
+
+class Entity(Base, frozen=True, kw_only=True):
+    """A publisher or a subscription: exactly one of the two keys, its value is the topic.
+
+    Topic and type names are made unique per scenario; ``raw`` passes the topic on as it is written.
+    """
+
+    publisher: str | None = None
+    subscription: str | None = None
+    type: str = "Sample"
+    raw: bool = False
+    session: Identifier | None = None
+    """Default: ``pub`` for publishers, ``sub`` for subscriptions, so that a wire lies between them."""
+    qos: Qos = Qos()
+    register: Literal["expected", "supported", "none"] | list[KindName] = "expected"
+    """``expected``: the kinds that this scenario's expectations name for this entity."""
+    registration_deadline: Duration | None = None
+    """``deadline_ms`` of the registrations; default: the deadline of the QoS, else 1T."""
+    take: Literal["withheld", "always"] = "withheld"
+    """``always``: every sample is taken at once. Default: nothing but drive_io is called."""
+    count: int = 1
+    """More than one: entities ``name[0]``, ``name[1]``..., addressed together by ``name``."""
+    deferred: bool = False
+    """Created by a ``create`` step and not at the start."""
+    may_fail: bool = False
+    """A refused creation is an observation, not the end of the scenario."""
+
+
+# --- what happens ---------------------------------------------------------------------------------
+
+
+class Step(Base, frozen=True, kw_only=True):
+    """Common to all steps."""
+
+    as_: Identifier | None = field(default=None, name="as")
+    at: Moment | None = None
+    """Begin at this moment instead of after the step before."""
+
+
+class Drive(Step, frozen=True, kw_only=True):
+    """Let time pass; sessions are driven in the background, nothing else is called."""
+
+    drive: Duration
+
+
+class Idle(Step, frozen=True, kw_only=True):
+    """Let time pass; nobody calls drive_io."""
+
+    idle: Duration
+
+
+class Parallel(Step, frozen=True, kw_only=True):
+    """Branches that run side by side; the step ends with the last of them."""
+
+    parallel: list[list[Any]]
+
+
+class Fault(Step, frozen=True, kw_only=True):
+    """Inject a fault. ``of`` names the session or entity that it hits."""
+
+    fault: FaultName
+    of: Identifier | None = None
+    count: int | None = None
+    by: Duration | None = None
+    for_: Duration | None = field(default=None, name="for")
+    direction: Literal["both", "to-subscription", "to-publisher"] = "both"
+    publish: bool = False
+
+
+class Settle(Step, frozen=True, kw_only=True):
+    """Wait until publishers and subscriptions of one topic know each other; recorded as ``matched``."""
+
+    do: Literal["settle"]
+
+
+class Repeated(Step, frozen=True, kw_only=True):
+    """A doing that may happen several times: ``times`` times, begun ``every`` so often (0: at once)."""
+
+    times: int = 1
+    every: Duration = Duration.parse(0)
+
+
+class Publish(Repeated, frozen=True, kw_only=True):
+    """``publish_raw`` with the next sequence number of that publisher."""
+
+    do: Literal["publish"]
+    by: Identifier
+    size: int | None = None
+    """Bytes of the serialized sample, when it matters."""
+
+
+class Assert(Repeated, frozen=True, kw_only=True):
+    """``assert_liveliness``."""
+
+    do: Literal["assert"]
+    by: Identifier
+
+
+class Take(Repeated, frozen=True, kw_only=True):
+    """``try_recv_raw``: ``max`` samples, default all there are."""
+
+    do: Literal["take"]
+    from_: Identifier = field(name="from")
+    max: int | None = None
+    size: int = 65536
+    """Room in the caller's buffer, bytes."""
+
+
+class HasData(Repeated, frozen=True, kw_only=True):
+    """``has_data``."""
+
+    do: Literal["has_data"]
+    of: Identifier
+
+
+class Register(Repeated, frozen=True, kw_only=True):
+    """``register_event``. ``kind`` may be any integer; ``callback: none`` passes no callback."""
+
+    do: Literal["register"]
+    of: Identifier
+    kind: KindName | int
+    deadline: Period | None = None
+    callback: Literal["given", "none"] = "given"
+    context: str | None = None
+    """Handed to the callback; default: the step's label."""
+
+
+class Supports(Repeated, frozen=True, kw_only=True):
+    """``supports_event``."""
+
+    do: Literal["supports"]
+    of: Identifier
+    kind: KindName | int
+
+
+class Create(Step, frozen=True, kw_only=True):
+    """Create a deferred entity."""
+
+    do: Literal["create"]
+    entity: Identifier
+
+
+class Destroy(Repeated, frozen=True, kw_only=True):
+    """Destroy an entity or a session."""
+
+    do: Literal["destroy"]
+    of: Identifier
+
+
+class Call(Repeated, frozen=True, kw_only=True):
+    """``drive_io``, called by the script itself; that session is not driven in the background meanwhile."""
+
+    do: Literal["drive"]
+    session: Identifier = "sub"
+    timeout: Duration
+
+
+class Spin(Repeated, frozen=True, kw_only=True):
+    """One spin of an executor: messages and events, at most ``cap`` callbacks."""
+
+    do: Literal["spin"]
+    session: Identifier = "sub"
+    timeout: Duration
+    cap: int | None = None
+
+
+Doing: TypeAlias = Settle | Publish | Assert | Take | HasData | Register | Supports | Create | Destroy | Call | Spin
+AnyStep: TypeAlias = Drive | Idle | Parallel | Fault | Doing
+
+DOINGS: dict[str, type[Step]] = {
+    "settle": Settle, "publish": Publish, "assert": Assert, "take": Take, "has_data": HasData, "register": Register,
+    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin,
+}  # fmt: skip
+"""By the value of ``do``."""
+
+STEPS: dict[str, type[Step]] = {"drive": Drive, "idle": Idle, "parallel": Parallel, "fault": Fault}
+"""By head; a step with ``do`` is one of `DOINGS`."""
+
+
+# --- what must have happened for the rest to mean anything ----------------------------------------
+
+
+class GapGiven(Base, frozen=True, kw_only=True):
+    """Between consecutive actions of this label never more than ``max``, never less than ``min``."""
+
+    gap: Identifier
+    max: Duration | None = None
+    min: Duration | None = None
+
+
+class ReturnsGiven(Base, frozen=True, kw_only=True):
+    """The actions of this label answered one of these codes."""
+
+    returns: Identifier
+    is_: list[str] = field(name="is")
+
+
+class DrivenGiven(Base, frozen=True, kw_only=True):
+    """This session was driven at least this often between two moments."""
+
+    driven: Identifier
+    max: Duration
+    from_: Moment = field(default=Moment.parse("start"), name="from")
+    until: Moment = Moment.parse("end")
+
+
+AnyGiven: TypeAlias = GapGiven | ReturnsGiven | DrivenGiven
+GIVENS: dict[str, type[Base]] = {"gap": GapGiven, "returns": ReturnsGiven, "driven": DrivenGiven}
+
+
+# --- what is expected -----------------------------------------------------------------------------
+
+
+class Expectation(Base, frozen=True, kw_only=True):
+    """Common to all expectations: the requirements that it proves."""
+
+    proves: RequirementId | list[RequirementId]
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """The requirement ids."""
+        return (self.proves,) if isinstance(self.proves, str) else tuple(self.proves)
+
+
+class Never(Expectation, frozen=True, kw_only=True):
+    """No such event begins in the window."""
+
+    never: KindOrAny | list[KindName]
+    of: Labels | Literal["ALL"]
+    from_: Moment = field(default=Moment.parse("start"), name="from")
+    until: Moment = Moment.parse("end")
+
+
+class Periodic(Expectation, frozen=True, kw_only=True):
+    """From ``since`` on the total grows by one per ``every``, neither early nor late."""
+
+    periodic: KindName
+    of: Identifier
+    every: Duration
+    since: Moment
+    until: Moment = Moment.parse("end")
+
+
+class Total(Expectation, frozen=True, kw_only=True):
+    """The running total (sum of changes) at a moment."""
+
+    total: KindName
+    of: Identifier
+    at: Moment = Moment.parse("end")
+    is_: int | None = field(default=None, name="is")
+    at_least: int | None = None
+    at_most: int | None = None
+
+
+class Level(Expectation, frozen=True, kw_only=True):
+    """alive_count or not_alive_count: ``by`` a moment, or ``from`` one ``until`` another throughout."""
+
+    level: Literal["alive_count", "not_alive_count"]
+    of: Labels
+    is_: int = field(name="is")
+    by: Moment | None = None
+    from_: Moment | None = field(default=None, name="from")
+    until: Moment | None = None
+
+
+class Returns(Expectation, frozen=True, kw_only=True):
+    """What the actions of a label answered: codes by name, ``ANY_ERROR``, ``true``, ``false``, ``DATA``."""
+
+    returns: Identifier
+    is_: list[str] = field(name="is")
+    some: bool = False
+    """One of several actions is enough."""
+
+
+class Agrees(Expectation, frozen=True, kw_only=True):
+    """``supports_event`` says beforehand what registering answers: both labels, pairwise."""
+
+    agrees: Identifier
+    with_: Identifier = field(name="with")
+
+
+class Received(Expectation, frozen=True, kw_only=True):
+    """Which of the samples published under this label the subscription's takes returned, in order, once."""
+
+    received: Identifier
+    of: Identifier
+    is_: Literal["all", "none"] | int = field(default="all", name="is")
+
+
+class Conserved(Expectation, frozen=True, kw_only=True):
+    """Received plus lost equals published, from ``since`` to the last received sample, per publisher."""
+
+    conserved: Identifier
+    from_: list[Identifier] = field(name="from")
+    since: Moment = Moment.parse("start")
+
+
+class Inside(Expectation, frozen=True, kw_only=True):
+    """An event was delivered inside the drive_io or spin call of this label, with these payload fields."""
+
+    inside: Identifier
+    event: KindName
+    of: Identifier
+    at_least: int = 1
+    status: dict[str, int] = {}
+
+
+class Callback(Expectation, frozen=True, kw_only=True):
+    """Whether the callback of this registration ran, and with what."""
+
+    callback: Identifier
+    is_: Literal["some", "never"] = field(name="is")
+    kind: KindName | None = None
+    context: str | None = None
+    from_: Moment = field(default=Moment.parse("start"), name="from")
+    until: Moment = Moment.parse("end")
+
+
+class Callbacks(Expectation, frozen=True, kw_only=True):
+    """How many callbacks ran inside the calls of this label: together, or in ``each``."""
+
+    callbacks: Identifier
+    counting: list[Literal["events", "messages"]] = field(default_factory=lambda: ["events", "messages"])
+    each: bool = False
+    at_most: int | None = None
+    at_least: int | None = None
+
+
+class Takes(Expectation, frozen=True, kw_only=True):
+    """How long each call of this label took."""
+
+    takes: Identifier
+    at_most: Duration | None = None
+    at_least: Duration | None = None
+
+
+class AnyOf(Expectation, frozen=True, kw_only=True):
+    """One of these groups of expectations holds as a whole."""
+
+    any_of: list[list[Any]]
+
+
+AnyExpectation: TypeAlias = (
+    Never
+    | Periodic
+    | Total
+    | Level
+    | Returns
+    | Agrees
+    | Received
+    | Conserved
+    | Inside
+    | Callback
+    | Callbacks
+    | Takes
+    | AnyOf
+)
+EXPECTATIONS: dict[str, type[Expectation]] = {
+    "never": Never, "periodic": Periodic, "total": Total, "level": Level, "returns": Returns, "agrees": Agrees,
+    "received": Received, "conserved": Conserved, "inside": Inside, "callback": Callback, "callbacks": Callbacks,
+    "takes": Takes, "any_of": AnyOf,
+}  # fmt: skip
+
+
+# --- scenario and file ----------------------------------------------------------------------------
+
+
+class Needs(Base, frozen=True, kw_only=True):
+    """What a backend must have for this scenario to apply, or to be playable."""
+
+    claims: list[KindName] = []
+    """Events that it must claim; those of the expectations are added by themselves."""
+    declares: dict[str, Any] = {}
+    """Fields of the declaration and the value that they must have, such as ``callback_cap: true``."""
+    clock: Literal["any", "real", "virtual"] = "any"
+    process: Literal["shared", "own"] = "shared"
+
+
+class Scale(Base, frozen=True, kw_only=True):
+    """The unit that durations are multiples of."""
+
+    T: Duration = Duration.parse("130ms")
+
+
+class Scenario(Base, frozen=True, kw_only=True):
+    """One scenario, its parameters already put in."""
+
+    id: ScenarioId
+    title: str
+    profile: Profile = "standard"
+    scale: Scale = Scale()
+    needs: Needs = Needs()
+    canonical: KindName | None = None
+    """This scenario is the stimulus that decides whether a claimed event works at all."""
+    refusal: KindName | None = None
+    """This scenario is the proof that an event which is not claimed is absent. Plays only then."""
+    sessions: dict[Identifier, Session] = {}
+    entities: dict[Identifier, Entity]
+    script: list[Any]
+    given: list[Any] = []
+    expect: list[Any]
+
+
+class SuiteFile(Base, frozen=True, kw_only=True):
+    """A file of ``suites/``."""
+
+    suite: Annotated[str, Meta(pattern=r"^[a-z_]+$")]
+    title: str
+    scenarios: list[Any]

@@ -1,0 +1,219 @@
+"""The records of a trace, one JSON object a line (JSON Lines). ``docs/trace-format.md`` is the prose.
+
+All times are nanoseconds of CLOCK_MONOTONIC (or of the virtual clock), shared by all sessions and
+processes of the host. Something observed at ``t`` with ``wait`` w happened in [t - w, t]: w is how long
+the observing thread was runnable but not running just before.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+from msgspec import Struct, field
+
+FORMAT = 1
+
+
+class Record(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="rec"):
+    """Common to all records: ``rec`` names the type. Unknown keys are ignored, so that the format can grow."""
+
+
+class Header(Record, frozen=True, kw_only=True, tag="header"):
+    """First line. Embeds everything that judging needs, so that a trace stands on its own."""
+
+    format: int = FORMAT
+    scenario: dict[str, Any]
+    """The resolved scenario, in the suite format: parameters put in, conditions decided."""
+    suite: str
+    source: str = ""
+    """Where the scenario stands: ``suites/requested_deadline_missed.yaml:40``."""
+    parameters: dict[str, Any] = {}
+    levels: dict[str, str] = {}
+    """Level of every requirement that an expectation names: must, should or may."""
+    digest: str = ""
+    """Suite digest, ``sha256:...``: results of different suites do not merge."""
+    backend: str
+    variant: str = ""
+    subject: str = ""
+    versions: dict[str, str] = {}
+    claims: dict[str, str] = {}
+    """Event label -> yes, limited or no."""
+    declares: dict[str, Any] = {}
+    """The declaration's capability fields, flat: ``RequestedDeadlineMissed.armed_at: first_sample``."""
+    clock: str
+    """``real`` or ``virtual``: on the virtual clock both tolerances are 0."""
+    quantities: dict[str, int]
+    """``T``, ``tolerance`` (late), ``early``, ``discovery_bound``...: nanoseconds."""
+    attempt: int = 1
+    seed: int = 0
+    host: str = ""
+    start: int
+
+
+class Act(Record, frozen=True, kw_only=True, tag="act"):
+    """A call that the script made. It took effect somewhere in [begin, end]."""
+
+    label: str
+    """The step's label; steps without one are ``#3``, the position in the script."""
+    index: int = 0
+    """0, 1... for a repeated step."""
+    op: str
+    """``publish``, ``take``, ``register``, ``supports``, ``create``, ``destroy``, ``drive``, ``spin``..."""
+    session: str = ""
+    entity: str = ""
+    args: dict[str, Any] = {}
+    due: int
+    begin: int
+    end: int
+    result: Any = None
+    """Return code, true/false, or the number of samples taken."""
+    raised: str = ""
+    """What the call raised instead of answering, when it raised something else than `RmwError`."""
+
+
+class Spin(Record, frozen=True, kw_only=True, tag="spin"):
+    """One or more consecutive drive_io calls of a session, none of them with a callback but the last.
+
+    ``sure``: the latest moment at which one of the calls had certainly not ended yet (its end minus
+    its wait), which is what "late" is judged on.
+    """
+
+    session: str
+    begin: int
+    end: int
+    sure: int
+    calls: int = 1
+    callbacks: int = 0
+    code: int = 0
+    gap: int = 0
+    """The longest time between two of these calls during which nobody was in drive_io."""
+
+
+class Event(Record, frozen=True, kw_only=True, tag="event"):
+    """A status callback was entered at ``t``."""
+
+    registration: str
+    """Label of the register step, or ``listener/RequestedDeadlineMissed`` for automatic ones."""
+    kind: int
+    """The kind argument as it came."""
+    entity: str
+    session: str
+    context: str = ""
+    process: int = 0
+    thread: int
+    driver: int
+    """The thread that drives this session."""
+    spin: int = -1
+    """Number of the drive_io call within the session, -1 outside of any."""
+    inside_drive: bool
+    t: int
+    wait: int = 0
+    status: dict[str, int]
+
+
+class Message(Record, frozen=True, kw_only=True, tag="message"):
+    """A sample came out of a take."""
+
+    session: str
+    entity: str
+    t: int
+    wait: int = 0
+    publisher: str
+    """The entity that sent it, from the payload; empty for a foreign sample."""
+    sequence: int
+    label: str = ""
+    """Label of the publish step that sent it."""
+    size: int
+    callback: bool = False
+    """Whether it was taken in a message callback."""
+
+
+class Matched(Record, frozen=True, kw_only=True, tag="matched"):
+    """The two know each other since [begin, end], as the adapter or the discovery bound says."""
+
+    publisher: str
+    subscription: str
+    begin: int
+    end: int
+    how: str
+    """``adapter``, ``bound`` (could not be told: the declared bound was waited for) or ``timeout``."""
+
+
+class Registered(Record, frozen=True, kw_only=True, tag="registered"):
+    """An automatic registration at creation."""
+
+    registration: str
+    entity: str
+    session: str
+    kind: int
+    supports: bool
+    code: int
+    begin: int
+    end: int
+
+
+class State(Record, frozen=True, kw_only=True, tag="state"):
+    """An entity or session was created or destroyed."""
+
+    entity: str
+    session: str
+    what: str
+    """``created``, ``refused``, ``destroyed``."""
+    code: int = 0
+    detail: str = ""
+    begin: int
+    end: int
+
+
+class FaultRecord(Record, frozen=True, kw_only=True, tag="fault"):
+    """A fault was in force from [begin, end] on."""
+
+    label: str
+    fault: str
+    of: str = ""
+    begin: int
+    end: int
+    detail: dict[str, Any] = {}
+
+
+class Blind(Record, frozen=True, kw_only=True, tag="blind"):
+    """Nothing could be observed in this interval (a frozen recorder, a lost connection to a device)."""
+
+    begin: int
+    end: int
+    session: str = ""
+
+
+class Measure(Record, frozen=True, kw_only=True, tag="measure"):
+    """A measured quantity of a process."""
+
+    label: str
+    what: str
+    value: float
+    begin: int
+    end: int
+
+
+class End(Record, frozen=True, kw_only=True, tag="end"):
+    """Last line: how the play ended. A trace without it proves nothing."""
+
+    outcome: str
+    """``done``, ``crash``, ``hang``, ``raised`` (the backend) or ``error`` (the harness)."""
+    t: int
+    detail: str = ""
+
+
+AnyRecord: TypeAlias = Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Blind | Measure | End
+
+
+class Trace(Struct, frozen=True):
+    """A header and what followed, in the order of writing; ``end`` is None for a trace cut short."""
+
+    header: Header
+    records: tuple[AnyRecord, ...] = field(default=())
+
+    @property
+    def end(self) -> End | None:
+        """The last record, if the trace is whole."""
+        last = self.records[-1] if self.records else None
+        return last if isinstance(last, End) else None
