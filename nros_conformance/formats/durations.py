@@ -30,7 +30,9 @@ QUANTITIES = (
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _TERM = re.compile(rf"\s*(?:(?P<number>{_NUMBER})\s*(?P<times>\*)?\s*(?P<unit>[A-Za-z_]+)?|(?P<name>[A-Za-z_]+))\s*")
-DURATION_PATTERN = r"^[-+*. A-Za-z0-9_]+$"
+_WRITTEN = rf"({_NUMBER} *\*? *({'|'.join((*UNITS_NS, *QUANTITIES))})|{'|'.join(QUANTITIES)})"
+DURATION_PATTERN = rf"^ *[-+]? *{_WRITTEN}( *[-+] *{_WRITTEN})* *$"
+"""For JSON Schema, in the regular expressions of ECMA 262: what `Duration.parse` reads, but for a bare 0."""
 
 
 class DurationError(ValueError):
@@ -63,6 +65,8 @@ class Duration:
     def parse(cls, text: str | int | float) -> Self:
         """Read a duration; a bare 0 needs no unit. Raises `DurationError`."""
         source = str(text).strip()
+        if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+            raise DurationError(f"{source!r} is not a duration; write for example 130ms or 3.5T")
         if source in ("0", "0.0"):
             return cls("0", ())
         if not source:
@@ -80,6 +84,8 @@ class Duration:
                 raise DurationError(f"cannot read {source[position:]!r} in the duration {source!r}")
             sign = -1 if source[position] == "-" else 1
             position += 1
+            if position == len(source):
+                raise DurationError(f"the duration {source!r} ends with {source[-1]!r}; something has to follow")
         return cls(source, tuple(sorted(sums.items())))
 
     def ns(self, quantities: Mapping[str, int]) -> int:
@@ -126,7 +132,9 @@ def _term(source: str, position: int) -> tuple[str, Fraction, int]:
         raise DurationError(
             f"{match['number']} in {source!r} has no unit; write for example {match['number']}ms or {match['number']}T"
         )
-    if name in UNITS_NS and not match["times"] and match["number"]:
+    if name in UNITS_NS:
+        if not match["number"]:
+            raise DurationError(f"{name!r} in {source!r} has no number; write for example 1{name}")
         return "ns", factor * UNITS_NS[name], match.end()
     if name in QUANTITIES:
         return name, factor, match.end()

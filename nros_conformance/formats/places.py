@@ -18,7 +18,7 @@ Path_: TypeAlias = tuple[str | int, ...]
 """Where a part stands in the data: keys and list positions from the top."""
 
 _T = TypeVar("_T")
-_MESSAGE = re.compile(r"(?P<what>.*?)(?: - at `(?P<path>\$.*)`)?$", re.DOTALL)
+_MESSAGE = re.compile(r"(?P<what>.*?)(?: - at (?P<key>`key` in )?`(?P<path>\$.*)`)?$", re.DOTALL)
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]")
 
 
@@ -29,28 +29,36 @@ class FormatError(Exception):
         place = f"{file}:{line}" if line else str(file)
         super().__init__(f"{place}: {what}" + (f"; {remedy}" if remedy else ""))
         self.file = str(file)
-        self.line = line
+        self.line = line or None
         self.what = what
         self.remedy = remedy
 
 
 class Document:
-    """Parsed text: ``data``, and the line (from 1) at which each part of it stands."""
+    """Parsed text: ``data``, and the line (from 1) at which each part of it stands.
 
-    def __init__(self, file: str, data: Any, lines: Mapping[Path_, int]) -> None:
+    Without ``lines`` the data did not come from text, and errors name no line. ``note`` ends every
+    error: which of several readings of the same text is meant.
+    """
+
+    def __init__(self, file: str, data: Any, lines: Mapping[Path_, int], note: str = "") -> None:
         self.file = file
         self.data = data
+        self.note = note
         self._lines = lines
 
     def line(self, path: Path_) -> int:
-        """The line of a part; of the nearest enclosing part when it has none of its own."""
+        """The line of a part; of the nearest enclosing part when it has none of its own; 0: there are none."""
         while path and path not in self._lines:
             path = path[:-1]
-        return self._lines.get(path, 1)
+        return self._lines.get(path, 1 if self._lines else 0)
 
     def error(self, path: Path_, what: str, remedy: str = "") -> FormatError:
         """An error at a part, to raise."""
-        return FormatError(self.file, self.line(path), what, remedy)
+        note = f" ({self.note})" if self.note else ""
+        if remedy:
+            return FormatError(self.file, self.line(path), what, remedy + note)
+        return FormatError(self.file, self.line(path), what + note)
 
     def read(self, type_: type[_T], data: Any = ..., path: Path_ = ()) -> _T:
         """The part at ``path`` as a typed value; ``data`` replaces what stands there.
@@ -58,9 +66,7 @@ class Document:
         Raises `FormatError` at the line of the offending key or value.
         """
         if data is ...:
-            data = self.data
-            for part in path:
-                data = data[part]
+            data = _at(self.data, path)
         try:
             return msgspec.convert(data, type_, dec_hook=_parse)
         except msgspec.ValidationError as error:
@@ -70,11 +76,15 @@ class Document:
         match = _MESSAGE.match(message)
         assert match is not None
         what = match["what"]
-        inner = tuple(_parts(match["path"] or "$", type_, data, message))
+        inner = tuple(_parts((match["path"] or "$") + ("[...]" if match["key"] else ""), type_, data, message))
         here = path + inner
         unknown = re.match(r"Object contains unknown field `(.*)`", what)
         missing = re.match(r"Object missing required field `(.*)`", what)
         value = re.match(r"Invalid enum value '?(.*?)'?$", what)
+        form = re.match(r"Expected `str` matching regex '(.*)'$", what)
+        if form:
+            of = f"the key {inner[-1]!r}" if match["key"] else f"{_key(here)}: {_at(data, inner)!r}"
+            return self.error(here, f"{of} does not have the form {form[1].replace(2 * chr(92), chr(92))}")
         known = names(type_, inner)
         if unknown:
             return self.error((*here, unknown[1]), f"unknown key {unknown[1]!r}", nearest(unknown[1], known))
@@ -167,6 +177,12 @@ def _fails(type_: type[Any], data: Any, message: str) -> bool:
 def _parse(type_: type[Any], value: Any) -> Any:
     """Types that read themselves from text have a ``parse``."""
     return type_.parse(value)
+
+
+def _at(data: Any, path: Path_) -> Any:
+    for part in path:
+        data = data[part]
+    return data
 
 
 def _key(path: Path_) -> str:

@@ -14,8 +14,9 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_TABLE = re.compile(r"\s*\[(?P<array>\[)?\s*(?P<name>[^\]]+?)\s*\]")
-_KEY = re.compile(r"""\s*(?P<name>["']?[A-Za-z0-9_.-]+["']?)\s*=""")
+# A header is alone in its line: an array that runs over several lines has rows that begin like one.
+_TABLE = re.compile(r"""\s*\[(?P<array>\[)?\s*(?P<name>[A-Za-z0-9_."' -]+?)\s*\]\]?\s*(#.*)?$""")
+_KEY = re.compile(r"""\s*(?P<name>(["']?)[A-Za-z0-9_.-]+\2)\s*=""")
 _AT = re.compile(r"(?P<what>.*) \(at line (?P<line>\d+), column \d+\)|(?P<end>.*) \(at end of document\)")
 
 
@@ -30,6 +31,8 @@ def read_toml(file: Path, text: str | None = None) -> Document:
         raise FormatError(file, line, f"not TOML: {(match and (match['what'] or match['end'])) or error}") from None
     except UnicodeDecodeError as error:
         raise FormatError(file, None, f"not TOML: {error}") from None
+    except OSError as error:
+        raise FormatError(file, None, f"cannot be read: {error.strerror}") from None
     return Document(str(file), data, _lines(source))
 
 

@@ -1,1 +1,1 @@
-"""The application API: executor, entities with callbacks."""
+"""The application API of the seed documents, in Python dress: executor, entities with callbacks."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import abc
 import heapq
+import os
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import TypeVar
 
 import greenlet
@@ -103,6 +103,23 @@ class _ThreadSignal(Signal):
         return self.event.is_set()
 
 
+class _Schedstat:
+    """The calling thread's schedstat, kept open because it is read twice a spin; closed with the thread."""
+
+    def __init__(self) -> None:
+        try:
+            self._fd: int | None = os.open("/proc/thread-self/schedstat", os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            self._fd = None  # not Linux
+
+    def run_delay_ns(self) -> int:
+        return 0 if self._fd is None else int(os.pread(self._fd, 64, 0).split()[1])
+
+    def __del__(self) -> None:
+        if self._fd is not None:
+            os.close(self._fd)
+
+
 class MonotonicClock(Clock):
     """CLOCK_MONOTONIC and threads."""
 
@@ -135,18 +152,10 @@ class MonotonicClock(Clock):
     def run_delay_ns(self) -> int:
         """Field 2 of the thread's schedstat (Linux), about 1 us a read; 0 where there is none."""
         try:
-            file = self._local.schedstat
+            schedstat: _Schedstat = self._local.schedstat
         except AttributeError:
-            try:
-                # Unbuffered, and open for as long as the thread lives: this is read twice a spin.
-                file = Path("/proc/thread-self/schedstat").open("rb", buffering=0)  # noqa: SIM115
-            except OSError:
-                file = None
-            self._local.schedstat = file
-        if file is None:
-            return 0
-        file.seek(0)
-        return int(file.read(64).split()[1])
+            schedstat = self._local.schedstat = _Schedstat()
+        return schedstat.run_delay_ns()
 
     def task_id(self) -> int:
         return threading.get_ident()

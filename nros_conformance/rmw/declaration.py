@@ -146,6 +146,15 @@ class Known(_Part, frozen=True, kw_only=True):
     review: date | None = None
 
 
+class Planted(_Part, frozen=True, kw_only=True):
+    """A defective variant of the reference that every run must catch."""
+
+    adapter: str
+    says: str
+    scenario: str
+    requirement: str
+
+
 class Declaration(_Part, frozen=True, kw_only=True):
     """A whole ``backend.toml``."""
 
@@ -157,6 +166,7 @@ class Declaration(_Part, frozen=True, kw_only=True):
     subject: Subject
     control: bool = False
     """The reference: it belongs to the control line and has no row."""
+    planted: list[Planted] = []
     variants: dict[str, dict[str, Any]] = {}
     events: dict[str, Event] = {}
     connection: Connection = Connection()

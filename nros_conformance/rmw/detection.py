@@ -70,8 +70,11 @@ class DeadlineClock:
         self._counted = 0
 
     def restart(self, at_ns: int) -> None:
-        """A sample came (or went) at ``at_ns``: misses before it are counted, then a new period begins."""
-        self.update(at_ns)
+        """A sample came (or went) at ``at_ns``: misses before it are counted, then a new period begins.
+
+        A sample at the very moment of the deadline is in time.
+        """
+        self.update(at_ns - 1)
         self._anchor, self._counted = at_ns, 0
 
     def update(self, now_ns: int) -> None:
@@ -118,65 +121,70 @@ class GapTracker:
         self._last.pop(publisher, None)
 
 
-class LivelinessCounter:
-    """Who is alive and who is not, and what of it has been reported (CNT-004, LVC-006).
+class LivelinessTally:
+    """Numbers of alive and not alive publishers, and what of them has been reported (CNT-004).
 
     The change fields are differences against the last report, so transitions that cancel out
     between two reports leave no callback (CNT-003).
     """
 
     def __init__(self) -> None:
-        self._state: dict[Hashable, bool] = {}
-        self._alive = 0
+        self.alive = 0
+        self.not_alive = 0
         self._reported = (0, 0)
         self._since: int | None = None
 
-    def alive(self, publisher: Hashable, at_ns: int) -> None:
-        """The publisher is known and alive, or alive again."""
-        self._move(publisher, True, at_ns)
+    def add(self, alive: int, not_alive: int, at_ns: int) -> None:
+        """Note a transition: how either number changed at ``at_ns``."""
+        self.set(self.alive + alive, self.not_alive + not_alive, at_ns)
 
-    def not_alive(self, publisher: Hashable, at_ns: int) -> None:
-        """The lease of a known publisher has expired."""
-        if publisher in self._state:
-            self._move(publisher, False, at_ns)
-
-    def gone(self, publisher: Hashable, at_ns: int) -> None:
-        """The publisher was destroyed in an orderly way (LVC-003)."""
-        self._move(publisher, None, at_ns)
-
-    def set_counts(self, alive: int, not_alive: int, at_ns: int) -> None:
-        """For middleware that reports counts instead of identities."""
-        self._state = {("alive" if i < alive else "lost", i): i < alive for i in range(alive + not_alive)}
-        self._alive = alive
-        self._touch(at_ns)
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        """Alive and not alive, now."""
-        return self._alive, len(self._state) - self._alive
+    def set(self, alive: int, not_alive: int, at_ns: int) -> None:
+        """Note the numbers as they are, for middleware that reports them."""
+        self.alive, self.not_alive = alive, not_alive
+        if (alive, not_alive) == self._reported:
+            self._since = None
+        elif self._since is None:
+            self._since = at_ns
 
     @property
     def ready_ns(self) -> int | None:
         return self._since
 
     def take(self) -> LivelinessChangedStatus | None:
-        self._since = None
-        counts, last = self.counts, self._reported
-        if counts == last:
+        if self._since is None:
             return None
-        self._reported = counts
-        return LivelinessChangedStatus(*counts, counts[0] - last[0], counts[1] - last[1])
+        alive, not_alive = self._reported
+        self._reported, self._since = (self.alive, self.not_alive), None
+        return LivelinessChangedStatus(self.alive, self.not_alive, self.alive - alive, self.not_alive - not_alive)
+
+
+class LivelinessCounter(LivelinessTally):
+    """A tally kept per publisher, for middleware that reports identities (LVC-006).
+
+    Stale and duplicate notifications change nothing (LVC-009).
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._state: dict[Hashable, bool] = {}
+
+    def came(self, publisher: Hashable, at_ns: int) -> None:
+        """The publisher is known and alive, or alive again."""
+        self._move(publisher, True, at_ns)
+
+    def fell_silent(self, publisher: Hashable, at_ns: int) -> None:
+        """The lease of a known publisher has expired."""
+        if publisher in self._state:
+            self._move(publisher, False, at_ns)
+
+    def left(self, publisher: Hashable, at_ns: int) -> None:
+        """The publisher was destroyed in an orderly way (LVC-003)."""
+        self._move(publisher, None, at_ns)
 
     def _move(self, publisher: Hashable, alive: bool | None, at_ns: int) -> None:
-        self._alive += (alive is True) - (self._state.get(publisher) is True)
+        before = self._state.get(publisher)
         if alive is None:
             self._state.pop(publisher, None)
         else:
             self._state[publisher] = alive
-        self._touch(at_ns)
-
-    def _touch(self, at_ns: int) -> None:
-        if self.counts == self._reported:
-            self._since = None
-        elif self._since is None:
-            self._since = at_ns
+        self.add((alive is True) - (before is True), (alive is False) - (before is False), at_ns)

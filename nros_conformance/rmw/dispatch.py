@@ -86,11 +86,13 @@ class EventRegistry:
         *,
         qos_deadline_ms: int = 0,
         deadline: Callable[[EventKind, int], Source] | None = None,
+        has_data: Callable[[], bool] = lambda: True,
     ) -> None:
         self._queue = queue
         self._sources = dict(sources)
         self._qos_deadline_ms = qos_deadline_ms
         self._deadline = deadline
+        self._has_data = has_data
         self._registered: dict[EventKind, _Registration] = {}
         self._message: tuple[MessageCallback, object] | None = None
         self.closed = False
@@ -160,7 +162,7 @@ class EventRegistry:
         return True
 
     def _call_message(self) -> bool:
-        if self._message is None:
+        if self._message is None or not self._has_data():
             return False
         callback, context = self._message
         callback(context)

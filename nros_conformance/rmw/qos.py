@@ -69,6 +69,11 @@ class QosProfile:
     lease_ms: int = 0
     avoid_ros_namespace_conventions: bool = False
 
+    @property
+    def has_deadline(self) -> bool:
+        """Whether it states a finite deadline."""
+        return is_finite(self.deadline_ms)
+
     def check(self) -> None:
         """Raise `RmwError` INVALID_ARGUMENT for a value that the ABI cannot represent (QOS-003)."""
         if not 0 <= self.depth <= DEPTH_MAX:

@@ -22,9 +22,11 @@ KindName: TypeAlias = Literal[
 ]
 KindOrAny: TypeAlias = KindName | Literal["ANY"]
 Identifier: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+EntityName: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*(\[[0-9]+\])?$")]
+"""An entity where it is referred to; ``crowd[0]`` is one of an entity with a count."""
 RequirementId: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Z]{3}-[0-9]{3}$")]
 ScenarioId: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z]+\.[a-z0-9-]+$")]
-Labels: TypeAlias = Identifier | list[Identifier]
+EntityNames: TypeAlias = EntityName | list[EntityName]
 FaultName: TypeAlias = Literal[
     "crash", "freeze", "thaw", "lose", "duplicate", "reorder", "delay", "block", "partition", "heal", "stall",
     "overflow", "stop", "start", "bus_off", "inject", "clock_step", "preset", "load",
@@ -102,7 +104,7 @@ class Step(Base, frozen=True, kw_only=True):
 
 
 class Drive(Step, frozen=True, kw_only=True):
-    """Let time pass; sessions are driven in the background, nothing else is called."""
+    """Let time pass; nothing is called but drive_io, in the background, unless an ``idle`` runs beside it."""
 
     drive: Duration
 
@@ -123,7 +125,7 @@ class Fault(Step, frozen=True, kw_only=True):
     """Inject a fault. ``of`` names the session or entity that it hits."""
 
     fault: FaultName
-    of: Identifier | None = None
+    of: EntityName | None = None
     count: int | None = None
     by: Duration | None = None
     for_: Duration | None = field(default=None, name="for")
@@ -148,7 +150,7 @@ class Publish(Repeated, frozen=True, kw_only=True):
     """``publish_raw`` with the next sequence number of that publisher."""
 
     do: Literal["publish"]
-    by: Identifier
+    by: EntityName
     size: int | None = None
     """Bytes of the serialized sample, when it matters."""
 
@@ -157,14 +159,14 @@ class Assert(Repeated, frozen=True, kw_only=True):
     """``assert_liveliness``."""
 
     do: Literal["assert"]
-    by: Identifier
+    by: EntityName
 
 
 class Take(Repeated, frozen=True, kw_only=True):
     """``try_recv_raw``: ``max`` samples, default all there are."""
 
     do: Literal["take"]
-    from_: Identifier = field(name="from")
+    from_: EntityName = field(name="from")
     max: int | None = None
     size: int = 65536
     """Room in the caller's buffer, bytes."""
@@ -174,14 +176,14 @@ class HasData(Repeated, frozen=True, kw_only=True):
     """``has_data``."""
 
     do: Literal["has_data"]
-    of: Identifier
+    of: EntityName
 
 
 class Register(Repeated, frozen=True, kw_only=True):
     """``register_event``. ``kind`` may be any integer; ``callback: none`` passes no callback."""
 
     do: Literal["register"]
-    of: Identifier
+    of: EntityName
     kind: KindName | int
     deadline: Period | None = None
     callback: Literal["given", "none"] = "given"
@@ -193,7 +195,7 @@ class Supports(Repeated, frozen=True, kw_only=True):
     """``supports_event``."""
 
     do: Literal["supports"]
-    of: Identifier
+    of: EntityName
     kind: KindName | int
 
 
@@ -201,14 +203,14 @@ class Create(Step, frozen=True, kw_only=True):
     """Create a deferred entity."""
 
     do: Literal["create"]
-    entity: Identifier
+    entity: EntityName
 
 
 class Destroy(Repeated, frozen=True, kw_only=True):
     """Destroy an entity or a session."""
 
     do: Literal["destroy"]
-    of: Identifier
+    of: EntityName
 
 
 class Call(Repeated, frozen=True, kw_only=True):
@@ -290,7 +292,7 @@ class Never(Expectation, frozen=True, kw_only=True):
     """No such event begins in the window."""
 
     never: KindOrAny | list[KindName]
-    of: Labels | Literal["ALL"]
+    of: EntityNames | Literal["ALL"]
     from_: Moment = field(default=Moment.parse("start"), name="from")
     until: Moment = Moment.parse("end")
 
@@ -299,7 +301,7 @@ class Periodic(Expectation, frozen=True, kw_only=True):
     """From ``since`` on the total grows by one per ``every``, neither early nor late."""
 
     periodic: KindName
-    of: Identifier
+    of: EntityName
     every: Duration
     since: Moment
     until: Moment = Moment.parse("end")
@@ -309,7 +311,7 @@ class Total(Expectation, frozen=True, kw_only=True):
     """The running total (sum of changes) at a moment."""
 
     total: KindName
-    of: Identifier
+    of: EntityName
     at: Moment = Moment.parse("end")
     is_: int | None = field(default=None, name="is")
     at_least: int | None = None
@@ -320,7 +322,7 @@ class Level(Expectation, frozen=True, kw_only=True):
     """alive_count or not_alive_count: ``by`` a moment, or ``from`` one ``until`` another throughout."""
 
     level: Literal["alive_count", "not_alive_count"]
-    of: Labels
+    of: EntityNames
     is_: int = field(name="is")
     by: Moment | None = None
     from_: Moment | None = field(default=None, name="from")
@@ -347,15 +349,15 @@ class Received(Expectation, frozen=True, kw_only=True):
     """Which of the samples published under this label the subscription's takes returned, in order, once."""
 
     received: Identifier
-    of: Identifier
+    of: EntityName
     is_: Literal["all", "none"] | int = field(default="all", name="is")
 
 
 class Conserved(Expectation, frozen=True, kw_only=True):
     """Received plus lost equals published, from ``since`` to the last received sample, per publisher."""
 
-    conserved: Identifier
-    from_: list[Identifier] = field(name="from")
+    conserved: EntityName
+    from_: list[EntityName] = field(name="from")
     since: Moment = Moment.parse("start")
 
 
@@ -364,7 +366,7 @@ class Inside(Expectation, frozen=True, kw_only=True):
 
     inside: Identifier
     event: KindName
-    of: Identifier
+    of: EntityName
     at_least: int = 1
     status: dict[str, int] = {}
 

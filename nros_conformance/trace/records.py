@@ -69,10 +69,12 @@ class Act(Record, frozen=True, kw_only=True, tag="act"):
     """Return code, true/false, or the number of samples taken."""
     raised: str = ""
     """What the call raised instead of answering, when it raised something else than `RmwError`."""
+    wait: int = 0
+    """How long the calling thread was runnable but not running during the call."""
 
 
 class Spin(Record, frozen=True, kw_only=True, tag="spin"):
-    """One or more consecutive drive_io calls of a session, none of them with a callback but the last.
+    """One drive_io call of a session, or several consecutive ones without any callback.
 
     ``sure``: the latest moment at which one of the calls had certainly not ended yet (its end minus
     its wait), which is what "late" is judged on.
@@ -87,6 +89,8 @@ class Spin(Record, frozen=True, kw_only=True, tag="spin"):
     code: int = 0
     gap: int = 0
     """The longest time between two of these calls during which nobody was in drive_io."""
+    longest: int = 0
+    """The longest of these calls, ns; 0: not known. With ``gap`` it says how far apart their ends are."""
 
 
 class Event(Record, frozen=True, kw_only=True, tag="event"):

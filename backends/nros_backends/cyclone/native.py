@@ -1,0 +1,57 @@
+"""Calls of Cyclone DDS that its Python binding lacks, or makes while it holds the GIL."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from typing import Any
+
+from cyclonedds.core import DDSException
+from cyclonedds.internal import DDS
+from cyclonedds.topic import Sample
+
+from nros_conformance.rmw.codes import ReturnCode
+
+_FOR_EVER = 2**63 - 1
+
+_CODES = {
+    DDSException.DDS_RETCODE_OK: ReturnCode.OK,
+    DDSException.DDS_RETCODE_UNSUPPORTED: ReturnCode.UNSUPPORTED,
+    DDSException.DDS_RETCODE_BAD_PARAMETER: ReturnCode.INVALID_ARGUMENT,
+    DDSException.DDS_RETCODE_ALREADY_DELETED: ReturnCode.INVALID_ARGUMENT,
+    DDSException.DDS_RETCODE_OUT_OF_RESOURCES: ReturnCode.BAD_ALLOC,
+    DDSException.DDS_RETCODE_TIMEOUT: ReturnCode.TIMEOUT,
+}
+
+
+def return_code(dds_code: int) -> ReturnCode:
+    """The contract's code for one of DDS; ERROR for those that it does not know."""
+    return _CODES.get(dds_code, ReturnCode.ERROR)
+
+
+class Native:
+    """The C library, through a handle of its own: the prototypes set here reach nobody else's."""
+
+    def __init__(self) -> None:
+        library = ct.CDLL(DDS._dll_handle._name)
+        self._write = library.dds_write
+        self._write.argtypes = [ct.c_int32, ct.c_void_p]
+        self._write.restype = ct.c_int32
+        self._assert_liveliness = library.dds_assert_liveliness
+        self._assert_liveliness.argtypes = [ct.c_int32]
+        self._assert_liveliness.restype = ct.c_int32
+        self._deafmute = library.dds_domain_set_deafmute
+        self._deafmute.argtypes = [ct.c_int32, ct.c_bool, ct.c_bool, ct.c_int64]
+        self._deafmute.restype = ct.c_int32
+
+    def write(self, writer: Any, cdr: bytes) -> ReturnCode:
+        """Write serialized data. The binding's own write holds the GIL while a full history blocks it."""
+        sample = Sample(ct.cast(ct.c_char_p(cdr), ct.c_void_p), len(cdr))
+        return return_code(self._write(writer._ref, ct.byref(sample)))
+
+    def assert_liveliness(self, entity: Any) -> ReturnCode:
+        """Of a writer, or of a participant: for all its MANUAL_BY_PARTICIPANT writers."""
+        return return_code(self._assert_liveliness(entity._ref))
+
+    def deafmute(self, entity: Any, deaf: bool, mute: bool) -> ReturnCode:
+        """Drop everything that the entity's domain receives, or would send, until told otherwise."""
+        return return_code(self._deafmute(entity._ref, deaf, mute, _FOR_EVER))

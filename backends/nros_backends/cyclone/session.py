@@ -1,0 +1,200 @@
+"""A session: one domain object, one participant, and the wait set that `drive_io` waits on."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from cyclonedds.core import DDSException, Entity, GuardCondition, WaitSet
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from nros_backends.cyclone.ends import End, types_of
+from nros_backends.cyclone.envelope import dds_type_name, sample_type
+from nros_backends.cyclone.native import Native, return_code
+from nros_backends.cyclone.policies import admit, dds_topic, reader_qos, writer_qos
+from nros_backends.cyclone.publisher import CyclonePublisher
+from nros_backends.cyclone.receiver import Receiver
+from nros_backends.cyclone.subscription import CycloneSubscription
+from nros_conformance.rmw.backend import Publisher, Session, Subscription
+from nros_conformance.rmw.clock import MS, Clock
+from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.dispatch import ReadyQueue
+from nros_conformance.rmw.qos import QosProfile
+
+_WAIT_MAX_NS = 3_600_000 * MS
+"""DDS adds the wait to a clock; nothing may overflow there."""
+
+_E = TypeVar("_E", bound=End)
+
+
+class CycloneSession(Session):
+    """Own sockets and threads, so that two sessions of one process meet on the network."""
+
+    def __init__(self, clock: Clock, native: Native, domain: Domain, participant: DomainParticipant) -> None:
+        self.clock = clock
+        self.native = native
+        self.queue = ReadyQueue()
+        self.closed = False
+        self.dispatching = threading.RLock()
+        """Held while events are found and callbacks run, not while `drive_io` waits."""
+        self._domain: Domain | None = domain
+        self._participant: DomainParticipant | None = participant
+        self._waitset: WaitSet | None = WaitSet(participant)
+        self._guard: GuardCondition | None = GuardCondition(participant)
+        self._waitset.attach(self._guard)
+        self._receiver: Receiver | None = None
+        self._ends: tuple[End, ...] = ()
+        self._looked_ns = clock.now_ns()
+        self._driving = threading.Lock()
+        self._driver: int | None = None
+        self._waiting = False
+        self._closing = threading.Lock()
+
+    def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
+        with self._creating(topic, type_name, qos) as (in_force, participant, dds):
+            writer: DataWriter[Any] = DataWriter(participant, dds, writer_qos(in_force))
+            return self._add(CyclonePublisher(self, topic, type_name, in_force, writer), writer)
+
+    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> Subscription:
+        with self._creating(topic, type_name, qos) as (in_force, participant, dds):
+            reader: DataReader[Any] = DataReader(participant, dds, reader_qos(in_force))
+            return self._add(CycloneSubscription(self, topic, type_name, in_force, reader), reader)
+
+    def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
+        """OK; WOULD_BLOCK while another drive_io of this session is in progress; INVALID_ARGUMENT.
+
+        Returns early once a callback ran or a sample came. A negative timeout is 0 (C10).
+        """
+        if self.closed or not isinstance(timeout_ms, int) or (max_callbacks is not None and max_callbacks < 0):
+            return ReturnCode.INVALID_ARGUMENT
+        if not self._driving.acquire(blocking=False):
+            return ReturnCode.WOULD_BLOCK
+        self._driver = threading.get_ident()
+        try:
+            self._drive(self.clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
+        finally:
+            self._driver = None
+            self._driving.release()
+        return ReturnCode.OK
+
+    def ping(self, timeout_ms: int, attempts: int = 1) -> int:
+        return ReturnCode.INVALID_ARGUMENT if self.closed else ReturnCode.UNSUPPORTED
+
+    def destroy(self) -> int:
+        """OK; INVALID_ARGUMENT, and no harm, the second time."""
+        with self._closing:
+            if self.closed:
+                return ReturnCode.INVALID_ARGUMENT
+            self.closed = True
+        self.wake()
+        outside = self._driver != threading.get_ident()
+        if outside:
+            self._driving.acquire()  # until the driver has left, and for good
+        try:
+            with self.dispatching:
+                for end in self._ends:
+                    end.destroy()
+            if self._receiver is not None:
+                self._receiver.stop()
+            self._receiver = self._waitset = self._guard = None
+            # The domain goes last: deleting it would delete everything in it.
+            self._participant = None
+            self._domain = None
+        finally:
+            if outside:
+                self._driving.release()
+        return ReturnCode.OK
+
+    def deafmute(self, *, deaf: bool, mute: bool) -> int:
+        """Harness: cut this session off the network, one way or both, until called with False."""
+        participant = self._participant
+        return ReturnCode.INVALID_ARGUMENT if participant is None else self.native.deafmute(participant, deaf, mute)
+
+    # For the entities.
+
+    def wake(self) -> None:
+        """Have a waiting `drive_io` look again."""
+        guard = self._guard
+        if self._waiting and guard is not None:
+            guard.set(True)
+
+    def assert_node(self) -> ReturnCode:
+        """Assert the liveliness of all MANUAL_BY_NODE publishers of this session."""
+        participant = self._participant
+        return ReturnCode.INVALID_ARGUMENT if participant is None else self.native.assert_liveliness(participant)
+
+    def receive_at_once(self, subscription: CycloneSubscription) -> None:
+        """Have its samples taken as they arrive, also between drives."""
+        if self._receiver is None:
+            assert self._participant is not None
+            self._receiver = Receiver(self, self._participant)
+        self._receiver.watch(subscription)
+
+    def forget(self, end: End) -> None:
+        """An entity is about to be destroyed."""
+        self._ends = tuple(other for other in self._ends if other is not end)
+        if self._receiver is not None and isinstance(end, CycloneSubscription):
+            self._receiver.forget(end)
+        if self._waitset is not None and end.endpoint is not None:
+            self._waitset.detach(end.endpoint)
+
+    # Inside.
+
+    def _drive(self, until_ns: int, max_callbacks: int | None) -> None:
+        while not self.closed:
+            with self.dispatching:
+                # Announced before the look: what comes after the look wakes the wait.
+                self._waiting = True
+                fresh = self._look()
+                ran = self.queue.drain(max_callbacks)
+                due_ns = min((end.next_due_ns() for end in self._ends), default=until_ns)
+            left_ns = min(until_ns, due_ns) - self.clock.now_ns()
+            waitset = self._waitset
+            if ran or fresh or waitset is None or self.clock.now_ns() >= until_ns:
+                break
+            if left_ns > 0:
+                waitset.wait(min(left_ns, _WAIT_MAX_NS))
+        self._waiting = False
+
+    def _look(self) -> bool:
+        """Let every entity find what has happened; whether samples came."""
+        assert self._guard is not None
+        self._guard.take()
+        before_ns, now_ns = self._looked_ns, self.clock.now_ns()
+        fresh = False
+        for end in self._ends:
+            fresh |= end.look(before_ns, now_ns)
+        self._looked_ns = now_ns
+        return fresh
+
+    @contextmanager
+    def _creating(
+        self, topic: str, type_name: str, qos: QosProfile
+    ) -> Iterator[tuple[QosProfile, DomainParticipant, Topic[Any]]]:
+        """All the checks, and the DDS topic. Translates what DDS itself refuses."""
+        participant = self._participant
+        if self.closed or participant is None:
+            raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
+        in_force = admit(topic, type_name, qos)
+        name = dds_topic(topic, in_force)
+        try:
+            others = types_of(participant, name) - {dds_type_name(type_name)}
+            if others:
+                raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r} has the type {min(others)!r}")
+            yield in_force, participant, Topic(participant, name, sample_type(type_name))
+        except DDSException as error:
+            raise RmwError(return_code(error.code), str(error)) from error
+
+    def _add(self, end: _E, endpoint: Entity) -> _E:
+        endpoint.set_status_mask(end.status_mask)
+        with self.dispatching:
+            assert self._waitset is not None
+            self._waitset.attach(endpoint)
+            self._ends = (*self._ends, end)
+        self.wake()
+        return end

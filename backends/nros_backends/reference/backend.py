@@ -1,0 +1,259 @@
+"""`World` behind the contract: sessions share it, and are told what occurred when they are driven."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterable
+from itertools import count
+
+from nros_conformance.model.world import Occurrence, Topic, World
+from nros_conformance.rmw.backend import (
+    Backend,
+    Host,
+    MessageCallback,
+    Publisher,
+    Session,
+    SessionOptions,
+    Subscription,
+)
+from nros_conformance.rmw.clock import MS
+from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.detection import CountTracker, LivelinessTally
+from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
+from nros_conformance.rmw.events import EventCallback, EventKind, Side
+from nros_conformance.rmw.qos import QosProfile
+
+_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
+
+
+class ReferenceBackend(Backend):
+    """One world for all sessions of a scenario."""
+
+    def __init__(self, host: Host) -> None:
+        super().__init__(host)
+        self.clock = host.clock
+        self.world = World()
+        # On the real clock, where the control runs a planted defect, sessions are threads.
+        self.lock = threading.RLock()
+        self.ids = count()
+        self.entities: dict[int, ReferencePublisher | ReferenceSubscription] = {}
+
+    def create_session(self, options: SessionOptions) -> ReferenceSession:
+        return ReferenceSession(self, options)
+
+    def await_matched(self, publisher: Publisher, subscription: Subscription, until_ns: int) -> bool:
+        assert isinstance(publisher, ReferencePublisher)
+        assert isinstance(subscription, ReferenceSubscription)
+        with self.lock:
+            return self.world.matched(publisher.id, subscription.id)
+
+    def tell(self, occurrences: Iterable[Occurrence]) -> None:
+        """Hand occurrences to the entities that they concern, and wake their sessions."""
+        for occurrence in occurrences:
+            entity = self.entities.get(occurrence.entity)  # type: ignore[call-overload]
+            if entity is not None:
+                entity.occurred(occurrence)
+                entity.session.signal.set()
+
+
+class ReferenceSession(Session):
+    """A session: its own ready queue over the shared world."""
+
+    def __init__(self, backend: ReferenceBackend, options: SessionOptions) -> None:
+        self.backend = backend
+        self.clock = backend.clock
+        self.options = options
+        self.queue = ReadyQueue()
+        self.signal = self.clock.signal()
+        self.entities: list[ReferencePublisher | ReferenceSubscription] = []
+        self.destroyed = False
+
+    def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> ReferencePublisher:
+        return ReferencePublisher(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+
+    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> ReferenceSubscription:
+        return ReferenceSubscription(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+
+    def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
+        if self.destroyed:
+            return ReturnCode.INVALID_ARGUMENT
+        if self.queue.busy:
+            return ReturnCode.WOULD_BLOCK
+        until = self.clock.now_ns() + max(timeout_ms, 0) * MS
+        while True:
+            self.signal.clear()
+            if self.poll():
+                self.queue.drain(max_callbacks)
+                return ReturnCode.OK
+            now = self.clock.now_ns()
+            if now >= until:
+                return ReturnCode.OK
+            self.clock.wait(self.signal, min(until, self.next_due_ns()))
+
+    def poll(self) -> bool:
+        """Let the world catch up with the clock; whether a callback is ready."""
+        with self.backend.lock:
+            self.backend.tell(self.backend.world.advance(self.clock.now_ns()))
+            for entity in self.entities:
+                entity.registry.poll()
+        return len(self.queue) > 0
+
+    def next_due_ns(self) -> int:
+        """When the world does something by itself next."""
+        with self.backend.lock:
+            return self.backend.world.next_due_ns
+
+    def destroy(self) -> int:
+        for entity in list(self.entities):
+            entity.destroy()
+        self.destroyed = True
+        self.signal.set()
+        return ReturnCode.OK
+
+    def _admit(self, topic: str, type_name: str, qos: QosProfile) -> Topic:
+        if self.destroyed:
+            raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
+        qos.check()
+        if not _NAME.match(topic) or not type_name:
+            raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r}, type {type_name!r}")
+        for entity in self.backend.entities.values():
+            if (entity.key[0], entity.topic) == (self.options.domain_id, topic) and entity.type_name != type_name:
+                raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{topic} has the type {entity.type_name}")
+        return (self.options.domain_id, topic, type_name)
+
+
+class _Entity:
+    """What both ends share: an identity in the world, and a registry over count and liveliness sources."""
+
+    side: Side
+
+    def __init__(self, session: ReferenceSession, key: Topic, topic: str, type_name: str, qos: QosProfile) -> None:
+        self.session = session
+        self.backend = session.backend
+        self.key = key
+        self.topic = topic
+        self.type_name = type_name
+        self.qos = qos
+        self.id = next(self.backend.ids)
+        self.sources: dict[EventKind, LivelinessTally | CountTracker] = {
+            kind: LivelinessTally() if kind is EventKind.LIVELINESS_CHANGED else CountTracker()
+            for kind in EventKind
+            if kind.side is self.side
+        }
+        self.registry = EventRegistry(
+            session.queue, self.sources, qos_deadline_ms=qos.deadline_ms, has_data=self.holds_sample
+        )
+        self.destroyed = False
+        self.backend.entities[self.id] = self  # type: ignore[assignment]
+        session.entities.append(self)  # type: ignore[arg-type]
+
+    def occurred(self, occurrence: Occurrence) -> None:
+        """Note it for the next callback."""
+        source = self.sources[occurrence.kind]
+        if isinstance(source, LivelinessTally):
+            source.add(occurrence.change[0], occurrence.change[1], occurrence.at_ns)
+        else:
+            source.add(occurrence.change[0], occurrence.at_ns)
+
+    def holds_sample(self) -> bool:
+        """Whether a sample can be taken."""
+        return False
+
+    def supports_event(self, kind: int) -> bool:
+        return self.registry.supports(kind)
+
+    def register_event(self, kind: int, deadline_ms: int, callback: EventCallback | None, context: object) -> int:
+        code = self.registry.register(kind, deadline_ms, callback, context)
+        if code == ReturnCode.OK and EventKind(kind).is_deadline and not self.qos.has_deadline:
+            with self.backend.lock:
+                self.backend.world.set_deadline(self.id, deadline_ms)
+        self.session.signal.set()
+        return code
+
+    def destroy(self) -> int:
+        if self.destroyed:
+            return ReturnCode.INVALID_ARGUMENT
+        self.destroyed = True
+        self.registry.close()
+        with self.backend.lock:
+            self.leave(self.backend.clock.now_ns())
+            del self.backend.entities[self.id]
+        self.session.entities.remove(self)  # type: ignore[arg-type]
+        return ReturnCode.OK
+
+    def leave(self, now_ns: int) -> None:
+        """Take it out of the world."""
+        raise AssertionError
+
+
+class ReferencePublisher(_Entity, Publisher):
+    """The sending end."""
+
+    side = Side.PUBLISHER
+
+    def __init__(self, session: ReferenceSession, key: Topic, topic: str, type_name: str, qos: QosProfile) -> None:
+        super().__init__(session, key, topic, type_name, qos)
+        with self.backend.lock:
+            now = self.backend.clock.now_ns()
+            node = (session.options.domain_id, session.options.node_name)
+            self.backend.tell(self.backend.world.create_publisher(self.id, key, node, qos, now))
+
+    def publish_raw(self, data: bytes) -> int:
+        if self.destroyed:
+            return ReturnCode.INVALID_ARGUMENT
+        with self.backend.lock:
+            now = self.backend.clock.now_ns()
+            self.backend.tell(self.backend.world.publish(self.id, data, now))
+            for entity in self.backend.entities.values():
+                if isinstance(entity, ReferenceSubscription) and self.backend.world.matched(self.id, entity.id):
+                    entity.registry.message(now)
+                    entity.session.signal.set()
+        return ReturnCode.OK
+
+    def assert_liveliness(self) -> int:
+        if self.destroyed:
+            return ReturnCode.INVALID_ARGUMENT
+        with self.backend.lock:
+            self.backend.tell(self.backend.world.assert_liveliness(self.id, self.backend.clock.now_ns()))
+        return ReturnCode.OK
+
+    def leave(self, now_ns: int) -> None:
+        self.backend.tell(self.backend.world.destroy_publisher(self.id, now_ns))
+
+
+class ReferenceSubscription(_Entity, Subscription):
+    """The receiving end."""
+
+    side = Side.SUBSCRIPTION
+
+    def __init__(self, session: ReferenceSession, key: Topic, topic: str, type_name: str, qos: QosProfile) -> None:
+        super().__init__(session, key, topic, type_name, qos)
+        with self.backend.lock:
+            now = self.backend.clock.now_ns()
+            self.backend.tell(self.backend.world.create_subscription(self.id, key, qos, now))
+
+    def has_data(self) -> bool | int:
+        if self.destroyed:
+            return ReturnCode.INVALID_ARGUMENT
+        return self.holds_sample()
+
+    def holds_sample(self) -> bool:
+        with self.backend.lock:
+            return self.backend.world.peek(self.id, self.backend.clock.now_ns()) is not None
+
+    def try_recv_raw(self, max_size: int) -> bytes | int:
+        if self.destroyed or max_size < 0:
+            return ReturnCode.INVALID_ARGUMENT
+        with self.backend.lock:
+            sample = self.backend.world.peek(self.id, self.backend.clock.now_ns())
+            if sample is None:
+                return ReturnCode.NO_DATA
+            self.backend.world.take(self.id, self.backend.clock.now_ns())
+        return sample.data if len(sample.data) <= max_size else ReturnCode.BUFFER_TOO_SMALL
+
+    def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
+        return self.registry.set_message_callback(callback, context)
+
+    def leave(self, now_ns: int) -> None:
+        self.backend.tell(self.backend.world.destroy_subscription(self.id, now_ns))

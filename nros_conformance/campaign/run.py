@@ -1,0 +1,234 @@
+"""Play, judge, repeat the inconclusive, collect: one backend's row of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from nros_conformance import __version__
+from nros_conformance.campaign.host import describe_host
+from nros_conformance.campaign.plans import Row, make_plan
+from nros_conformance.campaign.selection import Selection, decide, proven
+from nros_conformance.judge.judge import judge
+from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
+from nros_conformance.report.differences import differences
+from nros_conformance.report.known import covering, in_force
+from nros_conformance.report.observations import fired, observe, tally
+from nros_conformance.report.results import (
+    FORMAT,
+    Attempt,
+    Control,
+    Incident,
+    Observation,
+    Report,
+    ScenarioResult,
+    Status,
+    write_report,
+)
+from nros_conformance.rmw.events import EventKind
+from nros_conformance.suite.kinds import claims_needed
+from nros_conformance.suite.loader import Loaded, Suites
+from nros_conformance.trace.files import read_trace
+
+ATTEMPTS = 3
+"""An inconclusive scenario is played again with T doubled, then doubled again; a fail is final."""
+
+AT_ONCE = 48
+"""Scenarios at once in a worker on the real clock. More gain nothing on the longest one and only make
+each other late: set-up of 80 at once cost 40 ms of lateness on two cores, of 48 it cost 9 ms."""
+
+
+@dataclasses.dataclass(slots=True)
+class Progress:
+    """What a watcher of the run hears: a scenario of a row was judged."""
+
+    row: Row
+    result: ScenarioResult
+    done: int
+    total: int
+
+
+class RowRun:
+    """One row being played; ``report`` at any time is what there is so far."""
+
+    def __init__(
+        self, row: Row, suites: Suites, selection: Selection, results: Path, *, ports: range, control: Control | None,
+        watch: Callable[[Progress], None],
+    ) -> None:  # fmt: skip
+        self.row = row
+        self.suites = suites
+        self.selection = selection
+        self.results = results
+        self.folder = results / row.name
+        self._ports = ports
+        self._control = control
+        self.watch = watch
+        self._lock = threading.Lock()
+        self._begun = time.monotonic()
+        self._results: dict[str, ScenarioResult] = {}
+        self._observations: dict[str, list[Observation]] = {}
+        self._casualties: list[Casualty] = []
+        self._to_play: dict[str, Loaded] = {}
+        self._pool: Pool | None = None
+        self.broken = ""
+        for one in selection.choose(suites):
+            decision = decide(one, row.declaration)
+            if decision.status == "play":
+                self._to_play[one.key] = one
+            else:
+                self._results[one.key] = _result(one, decision.status, reason=decision.reason)
+
+    @property
+    def total(self) -> int:
+        """Scenarios to play."""
+        return len(self._to_play)
+
+    def play(self) -> Report:
+        """Play all, write ``report.json``; also when interrupted."""
+        traces = self.folder / "traces"
+        traces.mkdir(parents=True, exist_ok=True)
+        for old in traces.glob("*.jsonl"):
+            old.unlink()
+        self._pool = pool = Pool(
+            self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended, casualty=self._casualties.append
+        )  # fmt: skip
+        (self.folder / "worker.log").write_bytes(b"")
+        waiting = list(self._to_play.values())
+        try:
+            for number in range(1, ATTEMPTS + 1):
+                self._round(pool, waiting, number)
+                waiting = [one for one in waiting if self._results[one.key].verdict == "inconclusive"]
+                if self.row.virtual:  # time stood still for it: a repeat would be the same
+                    break
+        except WorkerBroken as error:
+            self.broken = str(error)
+        finally:
+            report = self.report()
+            write_report(self.results, report)
+        return report
+
+    def stop(self) -> None:
+        """End the run early; what was judged stays."""
+        if self._pool is not None:
+            self._pool.stop()
+
+    def _round(self, pool: Pool, scenarios: Sequence[Loaded], number: int) -> None:
+        plans = [
+            make_plan(
+                one, self.row, self.suites, self.folder / "traces",
+                attempt=number, stretch=2 ** (number - 1), ports=self._ports,
+            )
+            for one in scenarios
+        ]  # fmt: skip
+        together = [plan for plan in plans if self._to_play[plan.key].scenario.needs.process == "shared"]
+        # The longest first, so that nothing long is left over at the end.
+        together.sort(key=lambda plan: -plan.expected_ns)
+        if together:
+            pool.play(together, max(1, min(AT_ONCE >> (number - 1), self.row.declaration.bounds.sessions // 2)))
+        for plan in plans:
+            if plan not in together:
+                pool.play([plan], 1)
+
+    def _ended(self, ended: Ended) -> None:
+        one = self._to_play[ended.plan.key]
+        file = Path(ended.plan.trace)
+        trace = read_trace(file)
+        verdict = judge(trace)
+        attempt = Attempt(
+            number=trace.header.attempt,
+            T_ns=trace.header.quantities["T"],
+            trace=str(file.relative_to(self.folder)),
+            verdict=verdict,
+            seconds=round(ended.seconds, 3),
+        )
+        with self._lock:
+            former = self._results.get(one.key)
+            result = _result(
+                one,
+                "played",
+                verdict=verdict.verdict,
+                attempts=(*(former.attempts if former else ()), attempt),
+                fired=fired(trace),
+            )
+            result = msgspec.structs.replace(result, known=self._known(result))
+            self._results[one.key] = result
+            self._observations[one.key] = observe(trace)
+            done = sum(1 for key in self._to_play if key in self._results)
+        self.watch(Progress(self.row, result, done, self.total))
+
+    def _known(self, result: ScenarioResult) -> str:
+        """The key of the ``[[known]]`` entries that cover all that this scenario fails on; else empty."""
+        verdict = result.last
+        if verdict is None or verdict.verdict != "fail":
+            return ""
+        failed = {id_ for finding in verdict.failed() for id_ in finding.proves if self.suites.levels[id_] == "must"}
+        entries = in_force(self.row.declaration, self.row.versions)
+        found = [covering(entries, result, requirement) for requirement in sorted(failed)]
+        return found[0].key if found and found[0] is not None and None not in found else ""
+
+    def report(self) -> Report:
+        """What is known so far."""
+        results = tuple(self._results[key] for key in sorted(self._results))
+        partial, why = self._partial()
+        report = Report(
+            format=FORMAT,
+            tool=__version__,
+            suites_version=self.suites.version,
+            digest=self.suites.digest,
+            profile=self.selection.profile,
+            partial=partial,
+            why_partial=why,
+            row=self.row.name,
+            backend=self.row.declaration.name,
+            variant=self.row.variant,
+            available=not self.broken,
+            unavailable_reason=self.broken,
+            declaration=self.row.declaration,
+            clock="virtual" if self.row.virtual else "real",
+            versions=dict(self.row.versions),
+            results=results,
+            observations=tally(one for seen in self._observations.values() for one in seen),
+            incidents=tuple(self._incidents()),
+            control=self._control,
+            seconds=round(time.monotonic() - self._begun, 1),
+            host=describe_host(),
+        )
+        return msgspec.structs.replace(report, differences=tuple(differences(report, self.suites.levels)))
+
+    def _partial(self) -> tuple[bool, str]:
+        left_out = len(self.suites.scenarios) - len(self._results) - sum(k not in self._results for k in self._to_play)
+        if left_out:
+            return True, f"{left_out} of {len(self.suites.scenarios)} scenarios left out"
+        missing = sum(key not in self._results for key in self._to_play)
+        return (True, f"interrupted: {missing} of {self.total} scenarios not played") if missing else (False, "")
+
+    def _incidents(self) -> list[Incident]:
+        return [
+            Incident(
+                what=one.what,
+                detail=one.detail,
+                scenarios=one.keys,
+                reproduced=any(self._died(key) for key in one.keys),
+            )
+            for one in self._casualties
+        ]
+
+    def _died(self, key: str) -> bool:
+        result = self._results.get(key)
+        return result is not None and result.verdict == "fail"
+
+
+def _result(one: Loaded, status: Status, **fields: Any) -> ScenarioResult:
+    scenario = one.scenario
+    return ScenarioResult(
+        key=one.key, id=scenario.id, suite=one.suite, source=one.source, title=scenario.title, profile=scenario.profile,
+        parameters=one.parameters, canonical=scenario.canonical, refusal=scenario.refusal,
+        needs=tuple(kind.label for kind in EventKind if kind.label in claims_needed(scenario)),
+        status=status, proves=proven(one), **fields,
+    )  # fmt: skip

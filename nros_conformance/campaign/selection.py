@@ -1,0 +1,122 @@
+"""Which scenarios a run plays on a backend, and why it leaves out the rest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from nros_conformance.formats.places import nearest
+from nros_conformance.rmw.declaration import Declaration
+from nros_conformance.suite.kinds import claims_needed, faults_needed
+from nros_conformance.suite.loader import Loaded, Suites
+from nros_conformance.suite.schema import PROFILES, Profile
+from nros_conformance.suite.walk import expectations
+
+
+class SelectionError(Exception):
+    """A name on the command line that nothing has."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Selection:
+    """What the command line asks for; empty tuples mean everything."""
+
+    profile: Profile = "standard"
+    suites: tuple[str, ...] = ()
+    scenarios: tuple[str, ...] = ()
+    """Ids or keys, with ``*`` as in file names."""
+    requirements: tuple[str, ...] = ()
+
+    @property
+    def narrowed(self) -> bool:
+        """Whether anything but the profile limits it."""
+        return bool(self.suites or self.scenarios or self.requirements)
+
+    def choose(self, suites: Suites) -> list[Loaded]:
+        """The selected scenarios. Raises `SelectionError` for a name that fits nothing."""
+        everything = suites.scenarios
+        _known(self.suites, sorted({one.suite for one in everything}), "suite")
+        _known(self.requirements, [one.id for one in suites.requirements], "requirement")
+        for pattern in self.scenarios:
+            if not any(_fits(one, pattern) for one in everything):
+                raise SelectionError(_unknown(pattern, sorted({one.scenario.id for one in everything}), "scenario"))
+        return [one for one in everything if self._chosen(one)]
+
+    def _chosen(self, one: Loaded) -> bool:
+        if self.scenarios:  # somebody who names a scenario means it, whatever its profile
+            return any(_fits(one, pattern) for pattern in self.scenarios)
+        return (
+            PROFILES.index(one.scenario.profile) <= PROFILES.index(self.profile)
+            and (not self.suites or one.suite in self.suites)
+            and (not self.requirements or bool(set(self.requirements) & set(proven(one))))
+        )
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Decision:
+    """Whether a scenario is played on a backend, and the reason if not."""
+
+    status: Literal["play", "not-applicable", "untested"]
+    reason: str = ""
+
+
+PLAY = Decision("play")
+
+
+def decide(one: Loaded, declaration: Declaration) -> Decision:
+    """By the declaration alone, before anything runs."""
+    scenario = one.scenario
+    claims = declaration.claims()
+    if scenario.refusal is not None and claims[scenario.refusal] != "no":
+        return Decision("not-applicable", f"{scenario.refusal} is claimed")
+    unclaimed = sorted(kind for kind in claims_needed(scenario) if claims[kind] == "no" and kind != scenario.refusal)
+    if unclaimed:
+        return Decision(
+            "not-applicable", f"{', '.join(unclaimed)} {'is' if len(unclaimed) == 1 else 'are'} not claimed"
+        )
+    capabilities = declaration.capabilities()
+    for name, value in scenario.needs.declares.items():
+        if name not in capabilities:
+            return Decision("untested", f"needs {name}, which no declaration can have")
+        if not _declares(capabilities[name], value):
+            return Decision("not-applicable", f"needs {name} = {_show(value)}; declared is {_show(capabilities[name])}")
+    if scenario.needs.clock not in ("any", declaration.behaviour.clock):
+        return Decision("not-applicable", f"needs the {scenario.needs.clock} clock")
+    missing = sorted(faults_needed(scenario))
+    if missing:
+        return Decision("untested", f"the fault {missing[0]} cannot be injected here")
+    return PLAY
+
+
+def proven(one: Loaded) -> tuple[str, ...]:
+    """The requirements that its expectations name, in order, once each."""
+    ids = (id_ for _, expectation in expectations(one.scenario) for id_ in expectation.requirements)
+    return tuple(dict.fromkeys(ids))
+
+
+def _declares(declared: object, wanted: object) -> bool:
+    return wanted in declared if isinstance(declared, list) else declared == wanted
+
+
+def _show(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _fits(one: Loaded, pattern: str) -> bool:
+    plain = pattern.replace("[", "[[]")  # brackets are part of keys, not character classes
+    return fnmatchcase(one.scenario.id, plain) or fnmatchcase(one.key, plain)
+
+
+def _known(names: Iterable[str], known: Sequence[str], what: str) -> None:
+    for name in names:
+        if name not in known:
+            raise SelectionError(_unknown(name, known, what))
+
+
+def _unknown(name: str, known: Sequence[str], what: str) -> str:
+    hint = nearest(name, known)
+    return f"no {what} {name!r}" + (
+        f"; {hint}" if hint.startswith("did you mean") else f"; see: nros-conformance list {what}s"
+    )

@@ -1,0 +1,78 @@
+"""``nros-conformance explain``: a scenario, a cell, a requirement, or a word of the legend."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+from nros_conformance.cli.codes import ExitCode
+from nros_conformance.formats.places import nearest
+from nros_conformance.report.explain import explain_cell, explain_requirement, explain_scenario, explain_word
+from nros_conformance.report.results import Report, ReportError, ScenarioResult, read_reports
+from nros_conformance.report.table import assemble
+from nros_conformance.suite.loader import Suites, load_suites
+from nros_conformance.trace.files import read_trace
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    """Find out what the subject is, and print its explanation."""
+    suites = load_suites(options.suites)
+    subject: list[str] = options.subject
+    if len(subject) > 2:
+        raise ReportError("explain takes [BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend")
+    word = subject[-1]
+    text = explain_word(word) if len(subject) == 1 else None
+    if text is None and len(subject) == 1 and word in suites.levels:
+        text = explain_requirement(suites.requirements[word], suites.scenarios, _reports_or_none(options))
+    if text is None and "/" in word and "." not in word.partition("/")[0]:
+        row, _, column = word.partition("/")
+        reports = read_reports(options.results)
+        text = explain_cell(_row(reports, row), column, assemble(reports, suites.levels))
+    print(text if text is not None else _scenario(options, suites, subject))
+    return ExitCode.OK
+
+
+def _reports_or_none(options: argparse.Namespace) -> Sequence[Report]:
+    try:
+        return read_reports(options.results)
+    except ReportError:
+        return ()
+
+
+def _scenario(options: argparse.Namespace, suites: Suites, subject: Sequence[str]) -> str:
+    reports = read_reports(options.results)
+    if len(subject) == 2:
+        reports = (_row(reports, subject[0]),)
+    wanted = subject[-1]
+    found = [(report, result) for report in reports for result in report.results if wanted in (result.id, result.key)]
+    if not found:
+        found = [
+            (report, result) for report in reports for result in report.results
+            if fnmatchcase(result.key, wanted.replace("[", "[[]"))
+        ]  # fmt: skip
+    if not found:
+        hint = nearest(wanted, sorted({result.id for report in reports for result in report.results}))
+        raise ReportError(f"nothing was played that is called {wanted!r}" + (f"; {hint}" if "did you" in hint else ""))
+    # Of several parameters and backends, what went wrong is what somebody wants to know.
+    order = {"fail": 0, "error": 0, "inconclusive": 1, "warn": 2}
+    report, result = min(found, key=lambda one: order.get(one[1].verdict or "", 3))
+    return _explained(options, suites, report, result, len(found))
+
+
+def _explained(options: argparse.Namespace, suites: Suites, report: Report, result: ScenarioResult, alike: int) -> str:
+    if not result.attempts:
+        return f"{result.status}   {result.key} on {report.row}\n\n  {result.title}\n  {result.reason}"
+    attempt = result.attempts[-1]
+    trace = read_trace(options.results / report.row / attempt.trace)
+    text = explain_scenario(report, result, attempt, trace, {one.id: one for one in suites.requirements})
+    others = f"\nOthers     {alike - 1} more with other parameters or on other backends" if alike > 1 else ""
+    return text + others
+
+
+def _row(reports: Sequence[Report], name: str) -> Report:
+    for report in reports:
+        if report.row == name:
+            return report
+    rows = [report.row for report in reports]
+    raise ReportError(f"there is no result of {name!r}; there is {', '.join(rows)}")

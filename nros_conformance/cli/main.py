@@ -1,0 +1,129 @@
+"""``nros-conformance``: parses the command line and hands over; each command is a module of this room.
+
+Commands are imported when they are called, so that the command starts fast.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from nros_conformance import __version__
+from nros_conformance.cli.codes import ExitCode
+
+RESULTS = Path(".nros-conformance")
+"""Where runs leave their results unless told otherwise."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code (DESIGN 5: pytest's meanings)."""
+    options = _parser().parse_args(arguments)
+    # Subjects of errors: importing them costs little, and every command may raise them.
+    from nros_conformance.formats.places import FormatError
+    from nros_conformance.rmw.discovery import BackendNotFound
+
+    try:
+        command = importlib.import_module(f"nros_conformance.cli.{options.module}")
+        code: ExitCode = command.run(options)
+    except (FormatError, BackendNotFound) as error:
+        return _fail(str(error), ExitCode.USAGE)
+    except KeyboardInterrupt:
+        return _fail("interrupted", ExitCode.INTERRUPTED)
+    except BrokenPipeError:
+        sys.stderr.close()  # whoever read our output has seen enough
+        return ExitCode.OK
+    except Exception as error:
+        from nros_conformance.cli.codes import user_errors
+
+        if isinstance(error, user_errors()):
+            return _fail(str(error), ExitCode.USAGE)
+        import traceback
+
+        traceback.print_exc()
+        return _fail("internal error; please report it with the lines above", ExitCode.INTERNAL)
+    return int(code)
+
+
+def _fail(text: str, code: ExitCode) -> int:
+    print(f"nros-conformance: {text}", file=sys.stderr)
+    return int(code)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="nros-conformance",
+        description="Shows what nano-ros middleware backends really do with status events, ping and reconnection.",
+        epilog="Exit codes: 0 all musts hold or are known; 1 a must failed, or declaration and behaviour differ; "
+        "2 interrupted; 3 internal error; 4 usage, suite or declaration error; 5 a named backend is not available, "
+        "or nothing was judged; 8 more unclear scenarios than --max-unclear.",
+    )
+    parser.add_argument("--version", action="version", version=f"nros-conformance {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    run = _command(commands, "run", "play suites on backends, judge, and write the results")
+    run.add_argument(
+        "--backend", action="append", default=[], metavar="NAME",
+        help="an installed backend, or module:Class; default: all that are available",
+    )  # fmt: skip
+    _selection(run)
+    run.add_argument(
+        "--max-unclear", type=int, default=0, metavar="N",
+        help="tolerate N scenarios that stay unclear after repeats (default 0)",
+    )  # fmt: skip
+    run.add_argument("--no-control", action="store_true", help=argparse.SUPPRESS)
+    run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
+
+    lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")
+    lister.add_argument("what", choices=["backends", "suites", "scenarios", "requirements"])
+    lister.add_argument("--coverage", action="store_true", help="with requirements: which scenarios prove each")
+    lister.add_argument("--json", action="store_true", help="print JSON instead of text")
+
+    matrix = _command(commands, "matrix", "merge results into matrix.md and its web page")
+    matrix.add_argument("--output", type=Path, default=Path("matrix.md"), metavar="FILE", help="default: matrix.md")
+    matrix.add_argument("--html", type=Path, metavar="FILE", help="also write the web page")
+    matrix.add_argument("--readme", type=Path, metavar="FILE", help="also copy the table into this README")
+    matrix.add_argument(
+        "--check", action="store_true", help="compare with FILE instead of writing it; exit 1 if they differ"
+    )
+
+    rejudge = _command(commands, "rejudge", "judge stored traces again")
+    rejudge.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="default: the results directory")
+
+    explain = _command(commands, "explain", "why a scenario or cell says what it says")
+    explain.add_argument(
+        "subject", nargs="+", metavar="SUBJECT",
+        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
+    )  # fmt: skip
+    return parser
+
+
+def _command(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, what: str, module: str | None = None
+) -> argparse.ArgumentParser:
+    command = commands.add_parser(name, help=what, description=f"{what[0].upper()}{what[1:]}.")
+    command.set_defaults(module=module or name)
+    command.add_argument("--results", type=Path, default=RESULTS, metavar="DIR", help=f"default: {RESULTS}")
+    command.add_argument(
+        "--suites", type=Path, default=None, metavar="DIR", help="suite files to use instead of the built-in ones"
+    )
+    return command
+
+
+def _selection(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--suite", action="append", default=[], metavar="NAME", help="only scenarios of this suite")
+    command.add_argument(
+        "--scenario", action="append", default=[], metavar="ID", help="only this scenario; * is allowed"
+    )
+    command.add_argument(
+        "--requirement", action="append", default=[], metavar="ID", help="only scenarios that prove this requirement"
+    )
+    command.add_argument(
+        "--profile", choices=["smoke", "standard", "publish"], default="standard", help="default: standard"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

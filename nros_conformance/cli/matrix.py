@@ -1,0 +1,73 @@
+"""``nros-conformance matrix``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from nros_conformance.cli.codes import ExitCode
+from nros_conformance.report.matrix import check, render
+from nros_conformance.report.results import Report, ReportError, read_reports, same_suites
+from nros_conformance.report.web import page
+from nros_conformance.suite.loader import Suites, load_suites
+
+_BLOCK = re.compile(r"(<!-- matrix: table[^>]*-->\n).*?(<!-- /matrix -->)", re.DOTALL)
+_TABLE = re.compile(r"<!-- ANCHOR: table -->\n(\|.*?)\n\n", re.DOTALL)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    """Merge the reports and write the table; with ``--check`` compare it instead."""
+    suites = load_suites(options.suites)
+    reports = read_reports(options.results)
+    _same_suites_as_here(reports[0].digest, suites, options.results)
+    same_suites({report.row: report for report in reports})
+    if options.check:
+        return _check(options, reports, suites)
+    text = render(reports, suites.levels)
+    options.output.write_text(text, encoding="utf-8")
+    print(f"written  {options.output}")
+    if options.html is not None:
+        options.html.parent.mkdir(parents=True, exist_ok=True)
+        options.html.write_text(page(reports, suites.levels), encoding="utf-8")
+        print(f"written  {options.html}")
+    if options.readme is not None:
+        readme = options.readme.read_text(encoding="utf-8")
+        options.readme.write_text(_with_table(options.readme, readme, text), encoding="utf-8")
+        print(f"written  {options.readme}")
+    return ExitCode.OK
+
+
+def _check(options: argparse.Namespace, reports: Sequence[Report], suites: Suites) -> ExitCode:
+    try:
+        existing = options.output.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ReportError(f"{options.output}: there is no such file; write it: nros-conformance matrix") from None
+    differences = check(existing, reports, suites.levels)
+    if options.readme is not None:
+        readme = options.readme.read_text(encoding="utf-8")
+        if _with_table(options.readme, readme, existing) != readme:
+            differences.append(f"{options.readme}: its table is not the one of {options.output}")
+    for difference in differences:
+        print(difference)
+    if differences:
+        print(f"\n{options.output} is not what was observed; write it again: nros-conformance matrix")
+        return ExitCode.FAILED
+    print(f"{options.output} is what was observed")
+    return ExitCode.OK
+
+
+def _with_table(file: Path, readme: str, matrix: str) -> str:
+    """The README with the first table of the matrix between its markers."""
+    table = _TABLE.search(matrix)
+    if table is None or not _BLOCK.search(readme):
+        raise ReportError(f"{file}: no place for the table; add: <!-- matrix: table --> and <!-- /matrix -->")
+    return _BLOCK.sub(lambda match: f"{match[1]}{table[1]}\n{match[2]}", readme)
+
+
+def _same_suites_as_here(digest: str, suites: Suites, results: Path) -> None:
+    if digest != suites.digest:
+        raise ReportError(
+            f"{results}: these results are on other suites ({digest}) than those here ({suites.digest}); run again"
+        )

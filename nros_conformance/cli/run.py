@@ -1,0 +1,164 @@
+"""``nros-conformance run``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+import time
+from collections.abc import Sequence
+
+from nros_conformance import __version__
+from nros_conformance.campaign.control import find_control, run_control
+from nros_conformance.campaign.host import check_host
+from nros_conformance.campaign.plans import Row
+from nros_conformance.campaign.run import Progress, RowRun
+from nros_conformance.campaign.selection import Selection
+from nros_conformance.cli.codes import ExitCode, strongest
+from nros_conformance.cli.progress import ProgressLine
+from nros_conformance.play.leases import lease_ports
+from nros_conformance.report import terminal
+from nros_conformance.report.explain import failure
+from nros_conformance.report.results import Control, Report, encode_report
+from nros_conformance.rmw.backend import Host
+from nros_conformance.rmw.clock import MonotonicClock
+from nros_conformance.rmw.discovery import Found, find_backend, find_backends
+from nros_conformance.suite.loader import Suites, load_suites
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    """Play, judge, report."""
+    suites = load_suites(options.suites)
+    selection = Selection(
+        options.profile, tuple(options.suite), tuple(options.scenario), tuple(options.requirement)
+    )  # fmt: skip
+    chosen = selection.choose(suites)
+    backends, codes = _backends(options.backend)
+    say = _say if not options.json else _silent
+    say(terminal.opening(__version__, suites, selection, len(chosen)))
+    say(f"host     {check_host()}")
+    control = _control(suites, selection, options, say)
+    if control is not None and not control.ok:
+        return ExitCode.INTERNAL
+    rows = [row for found in backends for row in _rows(found)]
+    with lease_ports() as ports:
+        runs = [
+            RowRun(row, suites, selection, options.results, ports=ports, control=control, watch=lambda progress: None)
+            for row in rows
+        ]  # fmt: skip
+        for one in runs:
+            say(
+                terminal.row_line(
+                    one.row.name, one.row.declaration, one.row.versions, one.row.virtual, one.total, len(chosen)
+                )
+            )
+        reports, interrupted = _play(runs, suites, say)
+    if interrupted:
+        codes.append(ExitCode.INTERRUPTED)
+    if options.json:
+        print("[" + ",".join(encode_report(report).decode() for report in reports) + "]")
+    codes += [terminal_code for report in reports for terminal_code in judge_codes(report, options.max_unclear)]
+    if not any(result.attempts for report in reports for result in report.results):
+        codes.append(ExitCode.NOTHING)
+    say(terminal.closing(reports, suites.levels, options.results, selection))
+    code = strongest(codes)
+    say(f"\nexit {int(code)}{terminal.meaning(int(code), reports)}")
+    return code
+
+
+def judge_codes(report: Report, max_unclear: int) -> list[ExitCode]:
+    """The exit codes that one row asks for."""
+    codes = []
+    if not report.available:
+        codes.append(ExitCode.NOTHING)
+    played = [result for result in report.results if result.attempts]
+    if any(result.verdict == "error" for result in played):
+        codes.append(ExitCode.INTERNAL)
+    unknown = any(result.verdict == "fail" and not result.known for result in played)
+    if unknown or report.differences or any(not incident.reproduced for incident in report.incidents):
+        codes.append(ExitCode.FAILED)
+    if sum(result.verdict == "inconclusive" for result in played) > max_unclear:
+        codes.append(ExitCode.UNCLEAR)
+    return codes
+
+
+def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
+    """The backends to play. A missing one is said with the command that installs it."""
+    found = [find_backend(name) for name in names] if names else list(find_backends().values())
+    usable, codes = [], []
+    for one in found:
+        if one.error is not None:
+            print(f"nros-conformance: {one.error}", file=sys.stderr)
+            codes.append(ExitCode.USAGE)
+            continue
+        assert one.declaration is not None
+        if one.declaration.control and not names:
+            continue
+        lacking = one.unavailable()
+        if lacking is not None:
+            print(f"{one.name:<8} missing: {lacking.reason}; install it: {lacking.install}", file=sys.stderr)
+            if names:
+                codes.append(ExitCode.NOTHING)
+            continue
+        usable.append(one)
+    return usable, codes
+
+
+def _rows(found: Found) -> list[Row]:
+    assert found.declaration is not None
+    versions = found.load()(Host(clock=MonotonicClock())).versions()
+    variants = [name for name, facts in found.declaration.variants.items() if facts.get("default", True)]
+    return [Row(found.declaration, found.adapter, variant, versions) for variant in variants or [""]]
+
+
+def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control | None:
+    if options.no_control:
+        return None
+    begun = time.monotonic()
+    find_control()
+    control = run_control(suites, selection, options.results)
+    planted = f"; {control.planted}" if control.planted else ""
+    say(f"control  reference {control.reference}{planted}   {time.monotonic() - begun:.1f} s")
+    return control
+
+
+def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[list[Report], bool]:
+    """All rows side by side, each in a worker process of its own."""
+    line = ProgressLine(sys.stderr)
+    requirements = {one.id: one for one in suites.requirements}
+    lock = threading.Lock()
+
+    def watch(progress: Progress) -> None:
+        with lock:
+            line.update(progress.row.name, progress.done, progress.total, failed=progress.result.verdict == "fail")
+            if progress.result.verdict in ("fail", "error") and not progress.result.known:
+                line.clear()
+                say("\n" + failure(one_report[progress.row.name].report(), progress.result, requirements))
+
+    one_report = {one.row.name: one for one in runs}
+    for one in runs:
+        one.watch = watch
+    threads = [threading.Thread(target=one.play, name=one.row.name, daemon=True) for one in runs]
+    interrupted = False
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            while thread.is_alive():
+                thread.join(0.2)
+    except KeyboardInterrupt:
+        interrupted = True
+        for one in runs:
+            one.stop()
+        for thread in threads:
+            thread.join(5)
+    line.clear()
+    return [one.report() for one in runs], interrupted
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _silent(_text: str) -> None:
+    pass

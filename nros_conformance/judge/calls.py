@@ -1,0 +1,139 @@
+"""Expectations about what calls answered and how long they took."""
+
+from __future__ import annotations
+
+from nros_conformance.judge.callbacks import not_made
+from nros_conformance.judge.findings import Judged, clock, milliseconds
+from nros_conformance.judge.index import CALLS, Index
+from nros_conformance.judge.intervals import Interval, decide
+from nros_conformance.rmw.codes import PUBLISHED_ERRORS, ReturnCode, code_name
+from nros_conformance.suite import schema
+from nros_conformance.trace.records import Act
+
+
+class UnknownAnswer(ValueError):
+    """A suite asks for an answer that there is not."""
+
+
+def fits(act: Act, words: list[str]) -> bool:
+    """Whether the answer of a call is one of these. Raises `UnknownAnswer`."""
+    return any(_fits(act, word) for word in words)
+
+
+def _fits(act: Act, word: str) -> bool:
+    result = None if act.raised else act.result
+    if word in ("true", "false"):
+        return result is (word == "true")
+    counts = act.op == "take"
+    number = result if isinstance(result, int) and not isinstance(result, bool) else None
+    if word == "ANY_ERROR":
+        return number in PUBLISHED_ERRORS
+    if word == "DATA":
+        return counts and number is not None and number > 0
+    if word not in ReturnCode.__members__:
+        raise UnknownAnswer(f"there is no answer {word}; see the return codes, ANY_ERROR, true, false and DATA")
+    if counts and number == 0:
+        return word == "NO_DATA"
+    return number == ReturnCode[word]
+
+
+def told(act: Act) -> str:
+    """The answer of a call for people: ``UNSUPPORTED (-5)``, ``true``, ``3 samples``."""
+    if act.raised:
+        return f"raised: {act.raised}"
+    if isinstance(act.result, bool):
+        return str(act.result).lower()
+    if not isinstance(act.result, int):
+        return "nothing" if act.result is None else repr(act.result)
+    if act.op == "take" and act.result >= 0:
+        return f"{act.result} sample" + ("" if act.result == 1 else "s")
+    return f"{code_name(act.result)} ({act.result})"
+
+
+def returns(index: Index, expected: schema.Returns) -> Judged:
+    """What the actions of a label answered; of an entity's name: what creating it answered."""
+    words = " or ".join(expected.is_)
+    wanted = f"{'one of ' if expected.some else ''}{expected.returns} answers {words}"
+    acts = index.acts_of(expected.returns) or _creations(index, expected.returns)
+    if not acts:
+        return not_made(index, expected.returns)._replace(wanted=wanted)
+    right = [act for act in acts if fits(act, expected.is_)]
+    wrong = [act for act in acts if not fits(act, expected.is_)]
+    if expected.some:
+        if right:
+            return Judged("pass", wanted, told(right[0]), at=right[0].begin)
+        return Judged(decide(index.whole, True), wanted, _answers(acts), at=acts[-1].begin)
+    if wrong:
+        which = f"{expected.returns}[{wrong[0].index}] answered " if len(acts) > 1 else ""
+        return Judged("fail", wanted, which + told(wrong[0]), at=wrong[0].begin)
+    return Judged("pass", wanted, _answers(acts), at=acts[0].begin)
+
+
+def _creations(index: Index, entity: str) -> list[Act]:
+    return [
+        Act(
+            label=entity, index=number, op="create", session=state.session, entity=state.entity,
+            due=state.begin, begin=state.begin, end=state.end, result=state.code,
+        )
+        for number, (_, state) in enumerate(index.states)
+        if state.what in ("created", "refused") and state.entity in index.members(entity) and state.entity
+    ]  # fmt: skip
+
+
+def _answers(acts: list[Act]) -> str:
+    return ", ".join(dict.fromkeys(told(act) for act in acts))
+
+
+def agrees(index: Index, expected: schema.Agrees) -> Judged:
+    """``supports_event`` was true exactly where registering answered OK, pair by pair."""
+    wanted = f"{expected.agrees} is true exactly when {expected.with_} answers OK"
+    asked, registered = index.acts_of(expected.agrees), index.acts_of(expected.with_)
+    for label, acts in ((expected.agrees, asked), (expected.with_, registered)):
+        if not acts:
+            return not_made(index, label)._replace(wanted=wanted)
+    pairs = list(zip(asked, registered, strict=False))
+    for before, after in pairs:
+        if (before.result is True) != (after.result == 0 and after.result is not False and not after.raised):
+            got = f"{expected.agrees} {told(before)}, {expected.with_} {told(after)}"
+            return Judged("fail", wanted, got, at=after.begin)
+    if len(asked) != len(registered):
+        got = f"{len(asked)} answers of {expected.agrees}, {len(registered)} of {expected.with_}"
+        return Judged("none" if index.whole else "unclear", wanted, got)
+    got = f"{expected.agrees} {_answers(asked)}, {expected.with_} {_answers(registered)}"
+    return Judged("pass", wanted, got, at=registered[0].begin)
+
+
+def takes(index: Index, expected: schema.Takes) -> Judged:
+    """How long each call took: as measured, less at most the time its thread waited for a processor."""
+    most = expected.at_most.ns(index.quantities) if expected.at_most is not None else None
+    least = expected.at_least.ns(index.quantities) if expected.at_least is not None else None
+    bounds = [f"at least {expected.at_least}"] if least is not None else []
+    bounds += [f"at most {expected.at_most}"] if most is not None else []
+    wanted = f"each call of {expected.takes} takes {' and '.join(bounds)}"
+    placed = index.acts.get(expected.takes)
+    if not placed:
+        return not_made(index, expected.takes)._replace(wanted=wanted)
+    doubt: Judged | None = None
+    longest = 0
+    for position, act in placed:
+        took = _duration(index, position, act)
+        longest = max(longest, took.hi)
+        where = f"{expected.takes}[{act.index}] {clock(index, act.begin)} took {milliseconds(took.hi)}"
+        if most is not None and took.hi > most:
+            judged = Judged(decide(took.lo > most, True), wanted, where, took.hi - most, act.end)
+        elif least is not None and took.lo < least:
+            judged = Judged(decide(took.hi < least, True), wanted, where, took.hi - least, act.end)
+        else:
+            continue
+        if judged.outcome == "fail":
+            return judged
+        waited = f", of which it may have waited {milliseconds(took.hi - took.lo)} for a processor"
+        doubt = doubt or judged._replace(got=where + waited)
+    return doubt or Judged("pass", wanted, f"{milliseconds(longest)} at most", at=placed[0][1].begin)
+
+
+def _duration(index: Index, position: int, act: Act) -> Interval:
+    took, wait = act.end - act.begin, act.wait
+    if act.session and act.op in CALLS:
+        wait = max((spin.end - spin.sure for spin in index.inside(position, act)[2]), default=wait)
+    return Interval(max(took - wait, 0), took)

@@ -1,0 +1,72 @@
+"""One expectation or condition of a scenario, named and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+from nros_conformance.judge import callbacks, calls, data, events, givens, levels
+from nros_conformance.judge.findings import Judged
+from nros_conformance.judge.index import Index
+from nros_conformance.judge.intervals import worst
+from nros_conformance.judge.moments import NoSuchMoment
+from nros_conformance.judge.results import Outcome
+from nros_conformance.suite import schema
+
+_Of: TypeAlias = str | list[str]
+_Entry: TypeAlias = tuple[Callable[[Any], str], Callable[[Index, Any], Judged]]
+
+
+def _names(of: _Of) -> str:
+    return of if isinstance(of, str) else ", ".join(of)
+
+
+_JUDGES: dict[type[schema.Base], _Entry] = {
+    schema.Never: (lambda one: f"never {_names(one.never)} of {_names(one.of)}", events.never),
+    schema.Periodic: (lambda one: f"periodic {one.periodic} of {one.of}", events.periodic),
+    schema.Total: (lambda one: f"total {one.total} of {one.of}", events.total),
+    schema.Level: (lambda one: f"level {one.level} of {_names(one.of)}", levels.level),
+    schema.Returns: (lambda one: f"returns {one.returns}", calls.returns),
+    schema.Agrees: (lambda one: f"agrees {one.agrees} with {one.with_}", calls.agrees),
+    schema.Received: (lambda one: f"received {one.received} of {one.of}", data.received),
+    schema.Conserved: (lambda one: f"conserved {one.conserved}", data.conserved),
+    schema.Inside: (lambda one: f"inside {one.inside} {one.event} of {one.of}", callbacks.inside),
+    schema.Callback: (lambda one: f"callback {one.callback} {one.is_}", callbacks.callback),
+    schema.Callbacks: (lambda one: f"callbacks {one.callbacks}", callbacks.callbacks),
+    schema.Takes: (lambda one: f"takes {one.takes}", calls.takes),
+    schema.AnyOf: (lambda one: f"any of {len(one.any_of)} groups", lambda index, one: _any_of(index, one)),
+    schema.GapGiven: (lambda one: f"given gap {one.gap}", givens.gap),
+    schema.ReturnsGiven: (lambda one: f"given returns {one.returns}", givens.returns),
+    schema.DrivenGiven: (lambda one: f"given driven {one.driven}", givens.driven),
+}
+
+
+def name_of(part: schema.Base) -> str:
+    """How the suite states it: ``periodic RequestedDeadlineMissed of listener``."""
+    return _JUDGES[type(part)][0](part)
+
+
+def judge_part(index: Index, part: schema.Base) -> Judged:
+    """An expectation or condition; ``none`` when one of its moments did not occur in a whole trace."""
+    try:
+        return _JUDGES[type(part)][1](index, part)
+    except NoSuchMoment as missing:
+        return Judged("none", got=str(missing))
+
+
+def _any_of(index: Index, expected: schema.AnyOf) -> Judged:
+    """One group has to hold as a whole; expectations without evidence leave it to the others of their group."""
+    groups: list[tuple[Outcome, str, str]] = []
+    for group in expected.any_of:
+        judged = [(one, judge_part(index, one)) for one in group]
+        outcome = worst(found.outcome for _, found in judged)
+        deciding = next((pair for pair in judged if pair[1].outcome == outcome), None)
+        wanted = " and ".join(found.wanted or name_of(one) for one, found in judged)
+        groups.append((outcome, wanted, deciding[1].got if deciding else ""))
+    outcomes = [outcome for outcome, _, _ in groups]
+    wanted = ", or ".join(wanted for _, wanted, _ in groups)
+    for best in ("pass", "unclear", "fail"):
+        if best in outcomes:
+            chosen = [got for outcome, _, got in groups if outcome == best]
+            return Judged(outcomes[outcomes.index(best)], wanted, "; ".join(chosen))
+    return Judged("none", wanted, "; ".join(got for _, _, got in groups))

@@ -1,0 +1,148 @@
+"""Expectations about alive_count and not_alive_count, which LivelinessChanged reports in steps from 0."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from nros_conformance.judge.drives import LAST
+from nros_conformance.judge.events import span
+from nros_conformance.judge.findings import Judged, clock, miss, shown, together, unless_blind
+from nros_conformance.judge.index import Index, Seen
+from nros_conformance.judge.intervals import INF, Interval, decide, maybe_between, surely_between
+from nros_conformance.judge.moments import anchor, resolve, window_start
+from nros_conformance.judge.standing import excused
+from nros_conformance.suite import schema
+from nros_conformance.suite.moments import Moment
+
+KIND = "LivelinessChanged"
+_FOREVER = Interval(INF, INF)
+
+
+class _Step(NamedTuple):
+    """A value and for how long it was the last one reported."""
+
+    value: int
+    seen: Seen | None
+    since: Interval
+    until: Interval
+    position: int
+    next_position: int
+
+
+def level(index: Index, expected: schema.Level) -> Judged:
+    """``by``: reached between the anchor and the moment; else throughout the window."""
+    return together(_level(index, expected, entity) for entity in index.members(expected.of))
+
+
+def _level(index: Index, expected: schema.Level, entity: str) -> Judged:
+    when = f" by {expected.by}" if expected.by is not None else span(*_window(expected))
+    wanted = f"{expected.level} {expected.is_} on {entity}{when}"
+    # The count is 0 as long as nothing is reported, so silence proves nothing about 0.
+    excuse = excused(index, entity, KIND, needs_event=expected.is_ != 0)
+    if excuse is not None:
+        return excuse._replace(wanted=wanted)
+    steps = _steps(index, entity, expected.level)
+    judged = (_throughout if expected.by is None else _by)(index, expected, entity, steps)
+    return judged._replace(wanted=wanted)
+
+
+def _steps(index: Index, entity: str, name: str) -> list[_Step]:
+    steps: list[_Step] = []
+    value, seen, since, position = 0, None, Interval(-INF, -INF), -1
+    for following in index.events_of(entity, KIND):
+        steps.append(_Step(value, seen, since, following.when, position, following.position))
+        value = following.event.status.get(name, 0)
+        seen, since, position = following, following.when, following.position
+    steps.append(_Step(value, seen, since, _FOREVER, position, LAST))
+    return steps
+
+
+def _window(expected: schema.Level) -> tuple[Moment, Moment]:
+    return expected.from_ or Moment.parse("start"), expected.until or Moment.parse("end")
+
+
+def _by(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -> Judged:
+    """Reached at some time from the anchor of the moment on, and not later than calls of drive_io allow.
+
+    What comes after the script's end does not count: there the harness itself destroys entities.
+    """
+    assert expected.by is not None
+    by, first = resolve(index, expected.by), anchor(index, expected.by)
+    if by.lo < first.lo:
+        first = by
+    drives, session = index.drives_of(entity), index.session_of(entity)
+    reached = [step for step in steps if step.value == expected.is_]
+    certain = next(
+        (
+            step
+            for step in reached
+            if step.until.lo >= first.hi and (step.seen is None or step.since.hi <= index.script_end.lo)
+        ),
+        None,
+    )
+    due = by.lo + index.late
+    if certain is not None:
+        at = certain.since.hi
+        in_time = at <= due or drives.maybe(certain.position, at) < due
+        if certain.seen is None and drives.surely() < min(first.hi, index.script_end.lo - index.late):
+            return Judged("unclear", got=f"session {session} was not driven afterwards", at=first.hi)
+        if in_time:
+            judged = Judged("pass", got=_told(index, certain), at=max(at, index.header.start))
+            return unless_blind(index, session, judged, first.lo, by.hi)
+    possible = next((step for step in reached if step.until.hi >= first.lo), None)
+    due = by.hi + index.late
+    if possible is None:
+        ended = drives.surely()
+        late = due <= index.script_end.lo and ended >= due
+        got = _told(index, steps[-1])
+        got += f", and drive_io returned {clock(index, ended)}" if late else ", but the script ended before it was late"
+        judged = Judged(decide(late, True), "", got, ended - due if late else None, by.hi, missing=True)
+        return unless_blind(index, session, judged, first.lo)
+    late = possible.since.lo > due and drives.surely(possible.position, possible.since.lo) >= due
+    nearest = possible.since.hi - due
+    got = f"{_told(index, possible)}, {miss(nearest, perhaps=not late)}"
+    judged = Judged(decide(late, True), "", got, nearest, possible.since.hi, missing=True)
+    return unless_blind(index, session, judged, first.lo)
+
+
+def _throughout(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -> Judged:
+    """No departure in the window, and what was wrong at its beginning put right in time."""
+    opens, closes = _window(expected)
+    since, until = window_start(index, opens), resolve(index, closes)
+    drives, session = index.drives_of(entity), index.session_of(entity)
+    failure: Judged | None = None
+    doubt: Judged | None = None
+    previous: _Step | None = None
+    for step in steps:
+        if step.value != expected.is_:
+            departed = previous is not None and previous.value == expected.is_
+            certain = departed and surely_between(step.since, since, until)
+            certain = certain or _shown_at_return(index, expected, entity, step, since, until, certainly=True)
+            if certain:
+                failure = Judged("fail", got=_told(index, step), at=step.since.hi, missing=not departed)
+                break
+            possible = departed and maybe_between(step.since, since, until)
+            possible = possible or _shown_at_return(index, expected, entity, step, since, until, certainly=False)
+            if possible and doubt is None:
+                doubt = Judged("unclear", got=f"{_told(index, step)}, perhaps within the window", at=step.since.hi)
+        previous = step
+    if failure is None and doubt is None and drives.surely() < min(since.hi, index.script_end.lo - index.late):
+        doubt = Judged("unclear", got=f"session {session} was not driven afterwards")
+    judged = failure or doubt or Judged("pass", got=_told(index, steps[-1]) if len(steps) == 1 else "as wanted")
+    return unless_blind(index, session, judged, since.lo, until.hi)
+
+
+def _shown_at_return(
+    index: Index, expected: schema.Level, entity: str, step: _Step, since: Interval, until: Interval, *, certainly: bool
+) -> bool:
+    """Whether a call of drive_io in the window returned with this value although another one was due."""
+    drives = index.drives_of(entity)
+    if certainly:
+        due = since.hi + index.late
+        return step.until.lo > due and drives.surely(step.next_position, step.until.lo, until.lo, step.position) >= due
+    due = since.lo + index.late
+    return step.until.hi > due and drives.maybe(step.next_position, step.until.hi, until.hi, step.position) >= due
+
+
+def _told(index: Index, step: _Step) -> str:
+    return shown(index, step.seen) if step.seen is not None else "no LivelinessChanged came"

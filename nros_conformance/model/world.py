@@ -1,0 +1,269 @@
+"""The reference semantics of the five events: a pure state machine, readable as the specification.
+
+Actions go in with their time, exact occurrences come out. Nothing here waits, coalesces, dispatches
+or knows who is registered: that is a backend's business, and the judge's to allow for. A link
+without delay is assumed, so a sample is received when it is published. Times are nanoseconds; the
+caller's times must not decrease.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Hashable, Iterator
+from typing import NamedTuple, TypeAlias
+
+from nros_conformance.rmw.clock import MS, NEVER
+from nros_conformance.rmw.events import EventKind
+from nros_conformance.rmw.qos import History, Liveliness, QosProfile, is_finite
+
+Id: TypeAlias = Hashable
+Topic: TypeAlias = tuple[int, str, str]
+"""Domain, topic name, type name: what has to be equal for two entities to meet."""
+
+
+class Occurrence(NamedTuple):
+    """Something that an entity has to be told. ``change``: of the total, or (alive, not alive)."""
+
+    at_ns: int
+    entity: Id
+    kind: EventKind
+    change: tuple[int, ...]
+
+
+class Sample(NamedTuple):
+    """A sample in a subscription's queue."""
+
+    publisher: Id
+    sequence: int
+    expires_ns: int
+    data: bytes
+
+
+def _ns(duration_ms: int) -> int | None:
+    return duration_ms * MS if is_finite(duration_ms) else None
+
+
+@dataclasses.dataclass(slots=True)
+class _Periodic:
+    """A deadline: periods elapsed since the last sample. Not armed before the first one (RDM-008)."""
+
+    period: int | None
+    anchor: int | None = None
+    counted: int = 0
+
+    def restart(self, at_ns: int) -> None:
+        self.anchor, self.counted = at_ns, 0
+
+    @property
+    def due(self) -> int:
+        if self.period is None or self.anchor is None:
+            return NEVER
+        return self.anchor + (self.counted + 1) * self.period
+
+
+@dataclasses.dataclass(slots=True)
+class _Publisher:
+    topic: Topic
+    node: Id
+    qos: QosProfile
+    offered: _Periodic
+    asserted: int
+    lease: int | None
+    alive: bool = True
+    sequence: int = 0
+    history: list[Sample] = dataclasses.field(default_factory=list)
+
+    @property
+    def expiry(self) -> int:
+        """When its lease runs out; AUTOMATIC and NONE are asserted by the middleware (LVL-005)."""
+        if not self.alive or self.lease is None or not self.qos.liveliness.is_manual:
+            return NEVER
+        return self.asserted + self.lease
+
+
+@dataclasses.dataclass(slots=True)
+class _Subscription:
+    topic: Topic
+    qos: QosProfile
+    requested: _Periodic
+    queue: list[Sample] = dataclasses.field(default_factory=list)
+    heard: dict[Id, int] = dataclasses.field(default_factory=dict)
+
+
+class World:
+    """All publishers and subscriptions of all sessions, and what has happened to them."""
+
+    def __init__(self) -> None:
+        self._publishers: dict[Id, _Publisher] = {}
+        self._subscriptions: dict[Id, _Subscription] = {}
+
+    # Actions. Each first lets time pass to ``at_ns``; all occurrences come back, oldest first.
+
+    def create_publisher(self, id_: Id, topic: Topic, node: Id, qos: QosProfile, at_ns: int) -> list[Occurrence]:
+        """A publisher appears; its creation is its first assertion."""
+        found = list(self.advance(at_ns))
+        publisher = _Publisher(topic, node, qos, _Periodic(_ns(qos.deadline_ms)), at_ns, _ns(qos.lease_ms))
+        self._publishers[id_] = publisher
+        return found + self._tell(publisher, at_ns, 1, 0)
+
+    def create_subscription(self, id_: Id, topic: Topic, qos: QosProfile, at_ns: int) -> list[Occurrence]:
+        """A subscription appears and finds the publishers that exist, dead or alive (REG-009)."""
+        found = list(self.advance(at_ns))
+        subscription = _Subscription(topic, qos, _Periodic(_ns(qos.deadline_ms)))
+        self._subscriptions[id_] = subscription
+        for publisher_id, publisher in self._publishers.items():
+            if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
+                change = (1, 0) if publisher.alive else (0, 1)
+                found.append(Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, change))
+                subscription.heard[publisher_id] = publisher.sequence
+                if subscription.qos.durability:
+                    for sample in publisher.history:
+                        found += self._deliver(id_, subscription, sample, at_ns)
+        return found
+
+    def destroy_publisher(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        """An orderly goodbye: what it counted as is taken back (LVC-002, LVC-003)."""
+        found = list(self.advance(at_ns))
+        publisher = self._publishers.pop(id_)
+        return found + self._tell(publisher, at_ns, *((-1, 0) if publisher.alive else (0, -1)))
+
+    def destroy_subscription(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        """Nothing is told to anybody."""
+        found = list(self.advance(at_ns))
+        del self._subscriptions[id_]
+        return found
+
+    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+        """A successful publish: restarts the offered deadline, asserts liveliness, is received.
+
+        ``lost``: the wire swallows it; the gap shows with the next sample of this publisher (MSL-001).
+        """
+        found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
+        publisher = self._publishers[id_]
+        found += self._assert(publisher, at_ns)
+        publisher.offered.restart(at_ns)
+        publisher.sequence += 1
+        lifespan = _ns(publisher.qos.lifespan_ms)
+        sample = Sample(id_, publisher.sequence, NEVER if lifespan is None else at_ns + lifespan, data)
+        if publisher.qos.durability:
+            publisher.history = [*publisher.history, sample][-publisher.qos.depth :]
+        if not lost:
+            for subscription_id, subscription in self._subscriptions.items():
+                if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
+                    found += self._deliver(subscription_id, subscription, sample, at_ns)
+        return found
+
+    def assert_liveliness(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        """A manual assertion; MANUAL_BY_NODE covers its siblings of the same node (LVL-006)."""
+        found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
+        return found + self._assert(self._publishers[id_], at_ns)
+
+    def take(self, id_: Id, at_ns: int) -> Sample | None:
+        """The oldest sample whose lifespan is not over. Expired ones are not lost (MSL-006)."""
+        queue = self._subscriptions[id_].queue
+        _expire(queue, at_ns)
+        return queue.pop(0) if queue else None
+
+    def peek(self, id_: Id, at_ns: int) -> Sample | None:
+        """What `take` would return."""
+        queue = self._subscriptions[id_].queue
+        _expire(queue, at_ns)
+        return queue[0] if queue else None
+
+    def set_deadline(self, id_: Id, period_ms: int) -> None:
+        """A period given only at registration; it counts from the next sample on (C04)."""
+        if id_ in self._publishers:
+            self._publishers[id_].offered.period = _ns(period_ms)
+        else:
+            self._subscriptions[id_].requested.period = _ns(period_ms)
+
+    # Time.
+
+    @property
+    def next_due_ns(self) -> int:
+        """When something happens by itself next; `NEVER` if nothing does."""
+        return min(
+            (
+                *(min(publisher.offered.due, publisher.expiry) for publisher in self._publishers.values()),
+                *(subscription.requested.due for subscription in self._subscriptions.values()),
+            ),
+            default=NEVER,
+        )
+
+    def advance(self, now_ns: int) -> Iterator[Occurrence]:
+        """Let time pass: deadlines and leases that run out by ``now_ns``, oldest first."""
+        while (due := self.next_due_ns) <= now_ns:
+            for id_, subscription in self._subscriptions.items():
+                if subscription.requested.due == due:
+                    subscription.requested.counted += 1
+                    yield Occurrence(due, id_, EventKind.REQUESTED_DEADLINE_MISSED, (1,))
+            for id_, publisher in self._publishers.items():
+                if publisher.offered.due == due:
+                    publisher.offered.counted += 1
+                    yield Occurrence(due, id_, EventKind.OFFERED_DEADLINE_MISSED, (1,))
+                if publisher.expiry == due:
+                    publisher.alive = False
+                    yield Occurrence(due, id_, EventKind.LIVELINESS_LOST, (1,))
+                    yield from self._tell(publisher, due, -1, 1)
+
+    def matched(self, publisher: Id, subscription: Id) -> bool:
+        """Whether the two know each other."""
+        first, second = self._publishers.get(publisher), self._subscriptions.get(subscription)
+        return first is not None and second is not None and matches(first.topic, first.qos, second.topic, second.qos)
+
+    # Parts of actions.
+
+    def _assert(self, publisher: _Publisher, at_ns: int) -> list[Occurrence]:
+        kind = publisher.qos.liveliness
+        covered = [publisher]
+        if kind is Liveliness.MANUAL_BY_NODE:
+            covered = [p for p in self._publishers.values() if p.node == publisher.node and p.qos.liveliness is kind]
+        found: list[Occurrence] = []
+        for one in covered:
+            one.asserted = at_ns
+            if not one.alive:
+                one.alive = True
+                found += self._tell(one, at_ns, 1, -1)
+        return found
+
+    def _tell(self, publisher: _Publisher, at_ns: int, alive: int, not_alive: int) -> list[Occurrence]:
+        return [
+            Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, (alive, not_alive))
+            for id_, subscription in self._subscriptions.items()
+            if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos)
+        ]
+
+    def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
+        found = []
+        gap = sample.sequence - subscription.heard.get(sample.publisher, 0) - 1
+        if gap > 0:
+            found.append(Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (gap,)))
+        subscription.heard[sample.publisher] = max(sample.sequence, subscription.heard.get(sample.publisher, 0))
+        subscription.requested.restart(at_ns)
+        queue = subscription.queue
+        _expire(queue, at_ns)
+        queue.append(sample)
+        if subscription.qos.history is History.KEEP_LAST and len(queue) > subscription.qos.depth:
+            del queue[0]
+            found.append(Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (1,)))
+        return found
+
+
+def _expire(queue: list[Sample], now_ns: int) -> None:
+    queue[:] = [sample for sample in queue if now_ns < sample.expires_ns]
+
+
+def matches(offered: Topic, publisher: QosProfile, requested: Topic, subscription: QosProfile) -> bool:
+    """Request versus offered (DDS 1.4 2.2.3): same topic, and nothing asked for that is not offered."""
+    return (
+        offered == requested
+        and publisher.reliability >= subscription.reliability
+        and publisher.durability >= subscription.durability
+        and _period(publisher.deadline_ms) <= _period(subscription.deadline_ms)
+        and max(publisher.liveliness, Liveliness.AUTOMATIC) >= subscription.liveliness
+        and _period(publisher.lease_ms) <= _period(subscription.lease_ms)
+    )
+
+
+def _period(duration_ms: int) -> int:
+    return duration_ms if is_finite(duration_ms) else NEVER

@@ -1,0 +1,219 @@
+"""The thread of a session: drives it in the background, and makes the script's calls in between.
+
+Everything that happens on a session happens on this one thread (a greenlet on the virtual clock), as
+in an application, so that "the thread that called drive_io" means something.
+"""
+
+from __future__ import annotations
+
+import heapq
+import threading
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from nros_conformance.rmw.backend import Session
+from nros_conformance.rmw.clock import MS, NEVER, Clock
+from nros_conformance.rmw.codes import RmwError
+from nros_conformance.trace.records import Act, AnyRecord, Spin
+
+SLICE_MS = 10
+"""How long one background ``drive_io`` may wait, as applications do it."""
+
+_REST_NS = 1 * MS
+"""A quiet drive_io that returned at once is followed by this pause, or the loop would burn a core."""
+
+
+class Command:
+    """A call to make at ``due`` on the session's thread. ``record`` False keeps it out of the trace."""
+
+    def __init__(
+        self, clock: Clock, due: int, run: Callable[[], Any], *, op: str, label: str = "", index: int = 0,
+        entity: str = "", args: dict[str, Any] | None = None, record: bool = True,
+    ) -> None:  # fmt: skip
+        self.due = due
+        self.run = run
+        self.op = op
+        self.label = label
+        self.index = index
+        self.entity = entity
+        self.args = args if args is not None else {}
+        self.record = record
+        self.done = clock.signal()
+        self.begin = 0
+        self.end = 0
+        self.result: Any = None
+
+
+class Driver:
+    """One session and its thread.
+
+    ``failed(outcome, detail)`` is told when a call raised something else than `RmwError`.
+    """
+
+    def __init__(
+        self, name: str, clock: Clock, record: Callable[[AnyRecord], None], failed: Callable[[str, str], None]
+    ) -> None:
+        self.name = name
+        self.clock = clock
+        self.record = record
+        self.session: Session | None = None
+        self.background = False
+        self.after_drive: list[Callable[[], None]] = []
+        """Called on this thread after every drive: takes of ``take: always``."""
+        self.inside = False
+        self.spins = 0
+        self.callbacks = 0
+        self.thread = 0
+        self.calling: tuple[str, int] | None = None
+        """The call in progress and its begin, for whoever looks for a hang."""
+        self._failed = failed
+        self._mailbox: list[tuple[int, int, Command]] = []
+        self._order = 0
+        self._lock = threading.Lock()
+        self._signal = clock.signal()
+        self._stopped = False
+        self._quiet: Spin | None = None
+        self._delay_at_spin = 0
+        self.task = clock.spawn(f"session {name}", self._loop)
+
+    def post(self, *commands: Command) -> None:
+        """Have these calls made at their times; earlier ones first, equal ones in this order."""
+        with self._lock:
+            for command in commands:
+                self._order += 1
+                heapq.heappush(self._mailbox, (command.due, self._order, command))
+        self._signal.set()
+
+    def pause(self) -> None:
+        """No background drive from now on; on this thread, so that none is under way either."""
+        self.background = False
+
+    def resume(self) -> None:
+        """Drive in the background again."""
+        self.background = True
+        self._signal.set()
+
+    def stop(self) -> None:
+        """End the thread after what has been posted."""
+        self._stopped = True
+        self._signal.set()
+
+    def wait_in_spin(self) -> int:
+        """How long this thread was runnable but not running since the drive_io in progress began, ns."""
+        return self.clock.run_delay_ns() - self._delay_at_spin
+
+    def drive(self, timeout_ms: int, cap: int | None = None, call: Callable[[], int] | None = None) -> int:
+        """One drive_io (or ``call`` in its place), recorded; on this thread only."""
+        assert self.session is not None
+        before = self.callbacks
+        self.spins += 1
+        self._delay_at_spin = self.clock.run_delay_ns()
+        begin = self.clock.now_ns()
+        self.inside = True
+        try:
+            if call is not None:
+                code = call()
+            elif cap is None:
+                code = self.session.drive_io(timeout_ms)
+            else:
+                code = self.session.drive_io(timeout_ms, cap)
+        finally:
+            self.inside = False
+            end = self.clock.now_ns()
+        self._note(begin, end, end - self.wait_in_spin(), self.callbacks - before, int(code))
+        return code
+
+    def flush(self) -> None:
+        """Write down the quiet spins so far."""
+        if self._quiet is not None:
+            self.record(self._quiet)
+            self._quiet = None
+
+    def _loop(self) -> None:
+        self.thread = self.clock.task_id()
+        while True:
+            self._signal.clear()
+            with self._lock:
+                due = self._mailbox[0][0] if self._mailbox else NEVER
+                command = heapq.heappop(self._mailbox)[2] if due <= self.clock.now_ns() else None
+            if command is not None:
+                self._execute(command)
+            elif self._stopped and due == NEVER:
+                break
+            elif self.background and self.session is not None:
+                self._drive_until(due)
+            else:
+                self.clock.wait(self._signal, due)
+        self.flush()
+
+    def _drive_until(self, due: int) -> None:
+        begin, before = self.clock.now_ns(), self.callbacks
+        timeout_ms = min(SLICE_MS, max(0, due - begin) // MS)
+        self.calling = ("drive_io", begin)
+        try:
+            self.drive(timeout_ms)
+            for call in self.after_drive:
+                call()
+        except Exception as error:
+            self.background = False
+            self._failed("raised", describe("drive_io", error))
+        finally:
+            self.calling = None
+        now = self.clock.now_ns()
+        if (self.callbacks == before and now - begin < min(timeout_ms * MS, _REST_NS) // 2) or timeout_ms == 0:
+            self.clock.wait(self._signal, min(due, now + _REST_NS))
+
+    def _execute(self, command: Command) -> None:
+        raised = ""
+        command.begin = self.clock.now_ns()
+        self.calling = (command.op, command.begin)
+        try:
+            command.result = command.run()
+        except RmwError as error:
+            command.result = int(error.code)
+            command.args["detail"] = error.detail
+        except Exception as error:
+            raised = describe(command.op, error)
+        finally:
+            self.calling = None
+        command.end = self.clock.now_ns()
+        if command.record:
+            self.flush()
+            self.record(
+                Act(
+                    label=command.label, index=command.index, op=command.op, session=self.name, entity=command.entity,
+                    args=command.args, due=command.due, begin=command.begin, end=command.end,
+                    result=command.result, raised=raised,
+                )
+            )  # fmt: skip
+        if raised:
+            self._failed("raised", raised)
+        command.done.set()
+
+    def _note(self, begin: int, end: int, sure: int, callbacks: int, code: int) -> None:
+        quiet = self._quiet
+        if quiet is not None and (quiet.code != code or callbacks):
+            self.flush()
+            quiet = None
+        gap = begin - quiet.end if quiet else 0
+        merged = Spin(
+            session=self.name,
+            begin=quiet.begin if quiet else begin,
+            end=end,
+            sure=max(sure, quiet.sure) if quiet else sure,
+            calls=quiet.calls + 1 if quiet else 1,
+            callbacks=callbacks,
+            code=code,
+            gap=max(gap, quiet.gap) if quiet else gap,
+        )
+        self._quiet = merged
+        if callbacks:
+            self.flush()
+
+
+def describe(call: str, error: Exception) -> str:
+    """One line for an exception of a backend: what raised, what, and where."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{call} raised {type(error).__name__}: {error} at {Path(frame.filename).name}:{frame.lineno}"

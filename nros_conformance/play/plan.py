@@ -1,0 +1,39 @@
+"""What a worker is told to play, and how long it should take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from msgspec import Struct
+
+from nros_conformance.suite import schema
+from nros_conformance.trace.records import Header
+
+
+class Plan(Struct, frozen=True, kw_only=True):
+    """One play: a header to complete, an adapter, a place in the host's network, a file for the trace."""
+
+    key: str
+    adapter: str
+    header: Header
+    trace: str
+    network: int = 0
+    ports: tuple[int, int] = (0, 0)
+    options: dict[str, str] = {}
+    expected_ns: int = 0
+
+
+def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:
+    """How long the script takes when nothing is late, ns; the branches of a parallel side by side."""
+    total = 0
+    for step in steps:
+        match step:
+            case schema.Drive(drive=duration) | schema.Idle(idle=duration):
+                total += duration.ns(quantities)
+            case schema.Parallel(parallel=branches):
+                total += max((expected_ns(branch, quantities) for branch in branches), default=0)
+            case schema.Call() | schema.Spin():
+                total += step.times * max(step.every.ns(quantities), step.timeout.ns(quantities))
+            case schema.Repeated():
+                total += (step.times - 1) * step.every.ns(quantities)
+    return total

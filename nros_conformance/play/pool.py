@@ -1,0 +1,224 @@
+"""Worker processes, watched: a crash or hang costs the scenario that caused it, the rest goes on.
+
+When a worker dies with several scenarios in flight, each of them is played again in a process of its
+own, which tells who was to blame.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from nros_conformance.play.plan import Plan
+from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
+from nros_conformance.trace.files import TraceWriter
+from nros_conformance.trace.records import End
+
+SILENCE_S = 20.0
+"""A worker whose interpreter has not beaten for this long is held up by its backend. Forty beats: the
+longest silence of a healthy worker on an overloaded host was 1.1 s in our measurements."""
+
+PLAY_LIMIT_S = 60.0
+"""A play that lasts this much longer than its script asks for is a hang that nothing inside noticed,
+such as a loop that never ends on the virtual clock."""
+
+
+class WorkerBroken(Exception):
+    """The worker could not even load the adapter."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Ended:
+    """One play: how it ended (as the `End` record says) and how long it took, s."""
+
+    plan: Plan
+    outcome: str
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Casualty:
+    """A worker died or was killed: ``what`` is crash or hang, ``keys`` were in flight, ``where`` if known."""
+
+    what: str
+    detail: str
+    keys: tuple[str, ...]
+
+
+class Pool:
+    """Plays the plans of one backend in worker processes.
+
+    ``ended`` hears of every play as it is complete, ``casualty`` of every process that was lost;
+    ``log`` gets what the workers print.
+    """
+
+    def __init__(
+        self, log: Path, *, virtual: bool, ended: Callable[[Ended], None], casualty: Callable[[Casualty], None],
+        silence_s: float = SILENCE_S, play_limit_s: float = PLAY_LIMIT_S,
+    ) -> None:  # fmt: skip
+        self._log = log
+        self._virtual = virtual
+        self._ended = ended
+        self._casualty = casualty
+        self._silence_s = silence_s
+        self._play_limit_s = play_limit_s
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """End the workers; plays in flight are given up and their traces stay cut short."""
+        self._stopped.set()
+
+    def play(self, plans: Sequence[Plan], concurrency: int) -> None:
+        """Play all of them. Raises `WorkerBroken` when the adapter does not load."""
+        pending = list(plans)
+        while pending and not self._stopped.is_set():
+            done, suspects = self._session(pending, concurrency)
+            if len(suspects) > 1:
+                for plan in suspects:
+                    self._session([plan], 1)
+            gone = {plan.key for plan in (*done, *suspects)}
+            pending = [plan for plan in pending if plan.key not in gone]
+
+    def _session(self, plans: Sequence[Plan], concurrency: int) -> tuple[list[Plan], list[Plan]]:
+        """One worker process: what it finished, and what it died with."""
+        ours, theirs = socket.socketpair()
+        with ours, self._log.open("ab") as log:
+            log_start = log.tell()
+            process = subprocess.Popen(
+                [sys.executable, "-X", "faulthandler", "-m", "nros_conformance.play.worker", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+            )  # fmt: skip
+            theirs.close()
+            try:
+                watch = _Watch(process, ours, plans, self)
+                ours.sendall(encode(Job(list(plans), min(concurrency, len(plans)), self._virtual)))
+                watch.listen()
+            finally:
+                if process.poll() is None:
+                    process.kill()
+                process.wait()
+        if self._stopped.is_set() or not watch.in_flight:
+            return watch.done, []
+        suspects = list(watch.in_flight.values())
+        where = _where(self._log, log_start)
+        what = "hang" if watch.killed else "crash"
+        detail = watch.killed or _death(process.returncode)
+        detail += f", {where}" if where else ""
+        self._casualty(Casualty(what, detail, tuple(watch.in_flight)))
+        if len(suspects) == 1:
+            plan = suspects[0]
+            with TraceWriter(Path(plan.trace), append=True) as writer:
+                writer.write(End(outcome=what, t=time.monotonic_ns(), detail=detail))
+            self._ended(Ended(plan, what, 0.0))
+        return watch.done, suspects
+
+    @property
+    def stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stopped.is_set()
+
+    def finished(self, ended: Ended) -> None:
+        """Pass on a play that ended by itself."""
+        self._ended(ended)
+
+
+class _Watch:
+    """Listens to one worker until it is done, dead, or has to be killed."""
+
+    def __init__(
+        self, process: subprocess.Popen[bytes], ours: socket.socket, plans: Sequence[Plan], pool: Pool
+    ) -> None:
+        self._process = process
+        self._socket = ours
+        self._plans = {plan.key: plan for plan in plans}
+        self._pool = pool
+        self._begun: dict[str, float] = {}
+        self.in_flight: dict[str, Plan] = {}
+        self.done: list[Plan] = []
+        self.killed = ""
+
+    def listen(self) -> None:
+        buffer = b""
+        heard = time.monotonic()
+        while True:
+            readable, _, _ = select.select([self._socket], [], [], 0.25)
+            now = time.monotonic()
+            if self._pool.stopped:
+                return
+            if readable:
+                data = _receive(self._socket)
+                if not data:
+                    return
+                heard = now
+                *lines, buffer = (buffer + data).split(b"\n")
+                for line in lines:
+                    self._hear(line, now)
+            elif now - heard > self._pool._silence_s:
+                self._kill(f"the process has not run for {self._pool._silence_s:.0f} s")
+                return
+            late = [key for key, begun in self._begun.items() if now - begun > self._limit(key)]
+            if late:
+                self.in_flight = {key: self.in_flight[key] for key in late}
+                self._kill("the play did not end")
+                return
+
+    def _limit(self, key: str) -> float:
+        plan = self._plans[key]
+        return plan.expected_ns / 1e9 * (0 if self._pool._virtual else 4) + self._pool._play_limit_s
+
+    def _hear(self, line: bytes, now: float) -> None:
+        match decode_report(line):
+            case Started(key):
+                self.in_flight[key] = self._plans[key]
+                self._begun[key] = now
+            case Finished(key, outcome, seconds):
+                plan = self.in_flight.pop(key)
+                del self._begun[key]
+                self.done.append(plan)
+                self._pool.finished(Ended(plan, outcome, seconds))
+            case Broken(detail):
+                raise WorkerBroken(detail)
+            case Beat():
+                pass
+
+    def _kill(self, why: str) -> None:
+        self.killed = why
+        # The traceback of every thread goes to the log first: it says where the backend is stuck.
+        self._process.send_signal(signal.SIGABRT)
+        try:
+            self._process.wait(timeout=2)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+
+def _receive(connection: socket.socket) -> bytes:
+    try:
+        return connection.recv(65536)
+    except ConnectionResetError:
+        return b""
+
+
+def _death(returncode: int) -> str:
+    if returncode < 0:
+        name = signal.Signals(-returncode).name
+        return f"the process died of {name}"
+    return f"the process exited with code {returncode}"
+
+
+def _where(log: Path, start: int) -> str:
+    """The innermost frame of the thread that crashed, from faulthandler's report."""
+    with log.open("rb") as file:
+        file.seek(start)
+        text = file.read().decode(errors="replace")
+    match = re.search(r"Current thread .*?\n  File \"(?P<file>[^\"]+)\", line (?P<line>\d+) in (?P<name>\S+)", text)
+    return f"in {match['name']} at {os.path.basename(match['file'])}:{match['line']}" if match else ""  # noqa: PTH119

@@ -1,0 +1,263 @@
+"""Steps of a script as calls on session threads, at the times that the script asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from nros_conformance.play import payload
+from nros_conformance.play.driver import Command, Driver
+from nros_conformance.play.stage import Actor, Stage, StopPlay
+from nros_conformance.rmw.backend import Publisher, Subscription
+from nros_conformance.rmw.clock import MS
+from nros_conformance.rmw.codes import ReturnCode
+from nros_conformance.rmw.events import KIND_BY_LABEL, Side
+from nros_conformance.rmw.qos import INFINITE_MS
+from nros_conformance.suite import schema
+from nros_conformance.suite.moments import Moment
+from nros_conformance.suite.walk import steps
+from nros_conformance.trace.records import Act, Matched
+
+
+class Script:
+    """Plays the steps of one scenario on a stage."""
+
+    def __init__(self, stage: Stage, start_ns: int) -> None:
+        self.stage = stage
+        self.clock = stage.clock
+        self._start = start_ns
+        self._performed: dict[str, list[Command]] = {}
+        self._names = {id(step): step.as_ or f"#{n}" for n, (_, step) in enumerate(steps(stage.scenario), 1)}
+
+    def play(self, script: Sequence[Any]) -> None:
+        """Play them one after the other. Raises `StopPlay`."""
+        for step in script:
+            label = self._names[id(step)]
+            begin = self._await(step.at) if step.at is not None else self.clock.now_ns()
+            match step:
+                case schema.Drive():
+                    self._pause(label, "drive", begin, step.drive.ns(self.stage.quantities))
+                case schema.Idle():
+                    self._idle(label, begin, step.idle.ns(self.stage.quantities))
+                case schema.Parallel():
+                    self._parallel(step.parallel)
+                    self._mark(label, "parallel", begin)
+                case schema.Settle():
+                    self._mark(label, "settle", begin, self._settle())
+                case schema.Fault():
+                    raise StopPlay("error", f"the fault {step.fault} cannot be injected yet")
+                case _:
+                    self._do(step, label, begin)
+
+    # Time passing.
+
+    def _pause(self, label: str, op: str, begin: int, duration: int) -> None:
+        self.stage.sleep_until(begin + duration)
+        self._mark(label, op, begin)
+
+    def _mark(self, label: str, op: str, begin: int, result: object = None) -> None:
+        """Write down a step that is no call, so that anchors can refer to it."""
+        command = Command(self.clock, begin, lambda: None, op=op)
+        command.begin, command.end = begin, self.clock.now_ns()
+        command.done.set()
+        self._performed[label] = [command]
+        self.stage.record(Act(label=label, op=op, due=begin, begin=begin, end=command.end, result=result))
+
+    def _idle(self, label: str, begin: int, duration: int) -> None:
+        driven = [driver for driver in self.stage.drivers.values() if driver.background]
+        for driver in driven:
+            self.stage.perform(driver, "pause", driver.pause)
+        self._pause(label, "idle", begin, duration)
+        for driver in driven:
+            driver.resume()
+
+    def _parallel(self, branches: Sequence[Sequence[Any]]) -> None:
+        stops: list[StopPlay] = []
+
+        def branch(script: Sequence[Any]) -> Callable[[], None]:
+            def run() -> None:
+                try:
+                    self.play(script)
+                except StopPlay as stop:
+                    stops.append(stop)
+                    self.stage.fail(stop.outcome, stop.detail)
+
+            return run
+
+        tasks = [self.clock.spawn("branch", branch(script)) for script in branches]
+        for task in tasks:
+            while not self.clock.wait(task.done, self.clock.now_ns() + 60_000 * MS):
+                pass  # its own steps are bounded: a hang stops the play from inside
+            if task.error is not None:
+                raise task.error
+        if stops:
+            raise stops[0]
+
+    def _settle(self) -> int:
+        stage = self.stage
+        code = ReturnCode.OK
+        bound = stage.quantities["discovery_bound"]
+        actors = [actor for actor in stage.actors.values() if actor.handle is not None]
+        for publisher in (actor for actor in actors if actor.side is Side.PUBLISHER):
+            for subscription in (actor for actor in actors if actor.side is Side.SUBSCRIPTION):
+                if not _meet(publisher, subscription, stage):
+                    continue
+                assert isinstance(publisher.handle, Publisher)
+                assert isinstance(subscription.handle, Subscription)
+                begin = self.clock.now_ns()
+                matched = stage.backend.await_matched(publisher.handle, subscription.handle, begin + bound)
+                if matched is None:
+                    stage.sleep_until(begin + bound)
+                elif not matched:
+                    code = ReturnCode.TIMEOUT
+                how = "bound" if matched is None else "adapter" if matched else "timeout"
+                stage.record(
+                    Matched(
+                        publisher=publisher.name, subscription=subscription.name, begin=begin,
+                        end=self.clock.now_ns(), how=how,
+                    )
+                )  # fmt: skip
+                stage.sleep_until(0)  # only to notice a failure
+        return int(code)
+
+    # Calls.
+
+    def _do(self, step: Any, label: str, begin: int) -> None:
+        every = step.every.ns(self.stage.quantities) if isinstance(step, schema.Repeated) else 0
+        times = step.times if isinstance(step, schema.Repeated) else 1
+        posts: list[tuple[Driver, Command]] = []
+        allowance = 0
+        for turn in range(times):
+            due = begin + turn * every
+            for driver, entity, op, args, run in self._calls(step, label):
+                command = Command(
+                    self.clock, due, run, op=op, label=label, index=len(posts), entity=entity, args=args
+                )  # fmt: skip
+                posts.append((driver, command))
+        if isinstance(step, schema.Call | schema.Spin):
+            allowance = step.timeout.ns(self.stage.quantities)
+        self._performed[label] = [command for _, command in posts]
+        resumed: list[Driver] = []
+        if isinstance(step, schema.Call | schema.Spin):
+            resumed = [driver for driver in dict.fromkeys(driver for driver, _ in posts) if driver.background]
+            for driver in resumed:
+                driver.background = False
+        for driver, command in posts:
+            driver.post(command)
+        self.stage.finish([command for _, command in posts], allowance)
+        for driver in resumed:
+            driver.resume()
+
+    def _calls(self, step: Any, label: str) -> list[tuple[Driver, str, str, dict[str, Any], Callable[[], Any]]]:
+        """(driver, entity, op, arguments, call) of one turn of a step: one per addressed entity."""
+        stage = self.stage
+        match step:
+            case schema.Call():
+                driver, timeout = stage.drivers[step.session], step.timeout.ns(stage.quantities) // MS
+                return [(driver, "", "drive", {"timeout_ms": timeout}, lambda: int(driver.drive(timeout)))]
+            case schema.Spin():
+                driver, timeout = stage.drivers[step.session], step.timeout.ns(stage.quantities) // MS
+                executor = stage.executors[step.session]
+
+                def spin() -> int:
+                    return int(driver.drive(timeout, call=lambda: executor.spin_once(timeout, step.cap)))
+
+                return [(driver, "", "spin", {"timeout_ms": timeout, "cap": step.cap}, spin)]
+            case schema.Destroy(of=name) if name in stage.drivers:
+                return [(stage.drivers[name], "", "destroy", {}, lambda: stage.destroy(name))]
+        name = step.entity if isinstance(step, schema.Create) else _subject(step)
+        calls = []
+        for actor in stage.members(name):
+            op, args, run = self._call(step, label, actor)
+            calls.append((actor.driver, actor.name, op, args, run))
+        return calls
+
+    def _call(self, step: Any, label: str, actor: Actor) -> tuple[str, dict[str, Any], Callable[[], Any]]:
+        stage = self.stage
+        args: dict[str, Any] = {}
+        match step:
+            case schema.Publish():
+                return "publish", args, lambda: self._publish(actor, label, step.size, args)
+            case schema.Assert():
+                return "assert", args, lambda: int(_publisher(actor).assert_liveliness())
+            case schema.Take():
+                return "take", {"max": step.max, "size": step.size}, lambda: stage.take(actor, step.max, step.size)
+            case schema.HasData():
+                return "has_data", args, lambda: _plain(_subscription(actor).has_data())
+            case schema.Supports():
+                kind = _kind(step.kind)
+                return "supports", {"kind": kind}, lambda: bool(actor.created().supports_event(kind))
+            case schema.Register():
+                return self._register(step, label, actor)
+            case schema.Create():
+                return "create", args, lambda: stage.create(actor)
+            case schema.Destroy():
+                return "destroy", args, lambda: stage.destroy(actor.name)
+        raise StopPlay("error", f"no way to play {type(step).__name__}")
+
+    def _publish(self, actor: Actor, label: str, size: int | None, args: dict[str, Any]) -> int:
+        actor.sequence += 1
+        identity = payload.Identity(self.stage.run_tag, actor.index, self.stage.label_index(label), actor.sequence)
+        data = payload.encode(identity, size or payload.MIN_SIZE)
+        args |= {"sequence": actor.sequence, "size": len(data)}
+        return int(_publisher(actor).publish_raw(data))
+
+    def _register(
+        self, step: schema.Register, label: str, actor: Actor
+    ) -> tuple[str, dict[str, Any], Callable[[], Any]]:
+        kind = _kind(step.kind)
+        if step.deadline is None:
+            deadline = self.stage.registration_deadline_ms(actor)
+        else:
+            deadline = INFINITE_MS if step.deadline.is_infinite else step.deadline.ns(self.stage.quantities) // MS
+        callback = None if step.callback == "none" else self.stage.callback(actor, label)
+        context = step.context or label
+        args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": context}
+        return "register", args, lambda: int(actor.created().register_event(kind, deadline, callback, context))
+
+    # Anchors of ``at``.
+
+    def _await(self, moment: Moment) -> int:
+        offset = moment.offset.ns(self.stage.quantities)
+        if moment.label == "start":
+            when = self._start + offset
+        else:
+            while moment.label not in self._performed:
+                self.stage.sleep_until(self.clock.now_ns() + MS)
+            commands = self._performed[moment.label]
+            chosen = commands if moment.index is None else [commands[moment.index]]
+            self.stage.finish(chosen, 60_000 * MS)
+            when = (chosen[0].begin if moment.edge == "begin" else chosen[-1].end) + offset
+        self.stage.sleep_until(when)
+        return max(when, self.clock.now_ns())
+
+
+def _meet(publisher: Actor, subscription: Actor, stage: Stage) -> bool:
+    sessions = stage.scenario.sessions
+    domains = [sessions[a.driver.name].domain if a.driver.name in sessions else 0 for a in (publisher, subscription)]
+    same = (publisher.topic, publisher.spec.type) == (subscription.topic, subscription.spec.type)
+    return same and domains[0] == domains[1]
+
+
+def _subject(step: Any) -> str:
+    return str(getattr(step, "by", None) or getattr(step, "of", None) or getattr(step, "from_", None))
+
+
+def _kind(kind: str | int) -> int:
+    return int(KIND_BY_LABEL[kind]) if isinstance(kind, str) else kind
+
+
+def _plain(answer: bool | int) -> bool | int:
+    return answer if isinstance(answer, bool) else int(answer)
+
+
+def _publisher(actor: Actor) -> Publisher:
+    handle = actor.created()
+    assert isinstance(handle, Publisher)
+    return handle
+
+
+def _subscription(actor: Actor) -> Subscription:
+    handle = actor.created()
+    assert isinstance(handle, Subscription)
+    return handle

@@ -1,0 +1,362 @@
+"""The stage of one scenario: its backend, sessions, entities, and what is recorded of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable
+
+from nros_conformance.node.executor import Executor
+from nros_conformance.play import payload
+from nros_conformance.play.driver import Command, Driver
+from nros_conformance.play.plan import Plan
+from nros_conformance.rmw.backend import Backend, Host, Publisher, SessionOptions, Subscription
+from nros_conformance.rmw.clock import MS, Clock
+from nros_conformance.rmw.codes import RmwError, code_name
+from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
+from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
+from nros_conformance.suite import schema
+from nros_conformance.suite.kinds import registered_kinds
+from nros_conformance.suite.walk import members, session_of, steps
+from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
+
+HANG_NS = 5_000 * MS
+"""A call that has not returned this long after it should have is a hang. Generous: the slowest call
+that a busy host delayed in our measurements took 0.4 s, and a hang costs the run only this wait."""
+
+
+class StopPlay(Exception):
+    """The play ends here: ``outcome`` and ``detail`` of the `End` record."""
+
+    def __init__(self, outcome: str, detail: str) -> None:
+        super().__init__(detail)
+        self.outcome = outcome
+        self.detail = detail
+
+
+@dataclasses.dataclass(slots=True)
+class Actor:
+    """An entity of the scenario, and its handle once created."""
+
+    name: str
+    spec: schema.Entity
+    driver: Driver
+    index: int
+    handle: Publisher | Subscription | None = None
+    sequence: int = 0
+
+    @property
+    def side(self) -> Side:
+        """Which end it is."""
+        return Side.PUBLISHER if self.spec.publisher is not None else Side.SUBSCRIPTION
+
+    @property
+    def topic(self) -> str:
+        """The topic as the suite writes it."""
+        return self.spec.publisher if self.spec.publisher is not None else self.spec.subscription or ""
+
+    def created(self) -> Publisher | Subscription:
+        """The handle; StopPlay when the script uses an entity before it creates it."""
+        if self.handle is None:
+            raise StopPlay("error", f"the script uses {self.name} before it exists")
+        return self.handle
+
+
+class Stage:
+    """Everything that lives while one scenario is played."""
+
+    def __init__(
+        self, plan: Plan, scenario: schema.Scenario, adapter: type[Backend], clock: Clock,
+        record: Callable[[AnyRecord], None],
+    ) -> None:  # fmt: skip
+        self.plan = plan
+        self.scenario = scenario
+        self.clock = clock
+        self.record = record
+        self.quantities = plan.header.quantities
+        self.abort = clock.signal()
+        self.stopped: StopPlay | None = None
+        self.run_tag = int.from_bytes(os.urandom(6), "little")
+        host = Host(
+            clock=clock,
+            variant=plan.header.variant,
+            network=plan.network,
+            ports=range(*plan.ports),
+            options=plan.options,
+        )
+        self.backend = adapter(host)
+        self.drivers: dict[str, Driver] = {}
+        self.actors: dict[str, Actor] = {}
+        self.labels: list[str] = []
+        self.executors: dict[str, Executor] = {}
+        self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
+        self._cast()
+
+    # Who is who.
+
+    def members(self, name: str) -> list[Actor]:
+        """The entity of this name, or all of ``count`` entities that share it."""
+        if name in self.actors:
+            return [self.actors[name]]
+        return [actor for actor in self.actors.values() if actor.name.startswith(f"{name}[")]
+
+    def label_index(self, label: str) -> int:
+        """The position of a label in the list that payloads refer to."""
+        if label not in self.labels:
+            self.labels.append(label)
+        return self.labels.index(label)
+
+    def _cast(self) -> None:
+        expanded = [(one, spec) for name, spec in self.scenario.entities.items() for one in members(name, spec)]
+        names = list(self.scenario.sessions)
+        for _, spec in expanded:
+            names.append(session_of(spec))
+        for name in dict.fromkeys(names):
+            self.drivers[name] = Driver(name, self.clock, self.record, self.fail)
+        for index, (name, spec) in enumerate(expanded):
+            self.actors[name] = Actor(name, spec, self.drivers[session_of(spec)], index)
+
+    # Failing and waiting.
+
+    def fail(self, outcome: str, detail: str) -> None:
+        """End the play from any thread; the first reason counts."""
+        if self.stopped is None:
+            self.stopped = StopPlay(outcome, detail)
+        self.abort.set()
+
+    def sleep_until(self, when: int) -> None:
+        """Let the drivers work; raises `StopPlay` when one of them failed."""
+        self.clock.wait(self.abort, when)
+        if self.stopped is not None:
+            raise self.stopped
+
+    def finish(self, commands: list[Command], allowance_ns: int = 0) -> None:
+        """Wait for posted calls; raises `StopPlay` for a hang or a failure."""
+        for command in commands:
+            limit = max(command.due, self.clock.now_ns()) + allowance_ns + HANG_NS
+            if not self.clock.wait(command.done, limit):
+                raise self._hang(command)
+        if self.stopped is not None:
+            raise self.stopped
+
+    def _hang(self, command: Command) -> StopPlay:
+        for driver in self.drivers.values():
+            if driver.calling is not None:
+                call, begin = driver.calling
+                lasted = (self.clock.now_ns() - begin) / 1e9
+                if lasted > HANG_NS / 2e9:
+                    return StopPlay("hang", f"{call} on session {driver.name} has not returned after {lasted:.1f} s")
+        return StopPlay("hang", f"{command.op} on session {command.entity or '?'} did not get its turn")
+
+    def perform(self, driver: Driver, op: str, run: Callable[[], object], allowance_ns: int = 0) -> Command:
+        """Make one unrecorded call on a session's thread now, and wait for it."""
+        command = Command(self.clock, self.clock.now_ns(), run, op=op, record=False)
+        driver.post(command)
+        self.finish([command], allowance_ns)
+        return command
+
+    # Creating and destroying.
+
+    def open(self) -> None:
+        """Create the sessions, then the entities that are not deferred, in the order of the scenario."""
+        for name, driver in self.drivers.items():
+            self._open_session(name, driver)
+        for actor in self.actors.values():
+            if not actor.spec.deferred and actor.driver.session is not None:
+                self.perform(actor.driver, "create", lambda actor=actor: self.create(actor))  # type: ignore[misc]
+
+    def _open_session(self, name: str, driver: Driver) -> None:
+        spec = self.scenario.sessions.get(name, schema.Session())
+        options = SessionOptions(node_name=spec.node or name, domain_id=spec.domain)
+
+        def create() -> None:
+            begin = self.clock.now_ns()
+            code, detail = 0, ""
+            try:
+                driver.session = self.backend.create_session(options)
+                if name in self._spun_sessions:
+                    self.executors[name] = Executor(driver.session)
+            except RmwError as error:
+                code, detail = int(error.code), error.detail
+            what = "created" if code == 0 else "refused"
+            end = self.clock.now_ns()
+            self.record(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
+            if code and not spec.may_fail:
+                self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
+            driver.background = code == 0 and spec.driven
+
+        self.perform(driver, "create_session", create)
+
+    def create(self, actor: Actor) -> int:
+        """Create an entity and register its events; on its session's thread. The return code."""
+        session = actor.driver.session
+        assert session is not None
+        topic = actor.topic if actor.spec.raw else f"/nrcf{self.run_tag:x}/{actor.topic}"
+        type_name = f"nros_conformance_msgs/msg/{actor.spec.type}"
+        begin = self.clock.now_ns()
+        code, detail = 0, ""
+        try:
+            qos = qos_profile(actor.spec.qos, self.quantities)
+            maker = session.create_publisher if actor.side is Side.PUBLISHER else session.create_subscription
+            actor.handle = maker(topic, type_name, qos)
+        except RmwError as error:
+            code, detail = int(error.code), error.detail
+        what = "created" if code == 0 else "refused"
+        self.record(
+            State(
+                entity=actor.name, session=actor.driver.name, what=what, code=code, detail=detail,
+                begin=begin, end=self.clock.now_ns(),
+            )
+        )  # fmt: skip
+        if code and not actor.spec.may_fail:
+            self.fail("raised", f"creating {actor.name} answered {code_name(code)}: {detail}")
+        if code == 0:
+            self._register_all(actor)
+            self._watch(actor)
+        return code
+
+    def destroy(self, name: str) -> int:
+        """Destroy an entity, or the session of this name; on its session's thread."""
+        begin = self.clock.now_ns()
+        if name in self.drivers:
+            driver, entity = self.drivers[name], ""
+            driver.background = False
+            code = int(driver.session.destroy()) if driver.session is not None else 0
+        else:
+            actor = self.actors[name]
+            driver, entity = actor.driver, name
+            code = int(actor.created().destroy())
+        end = self.clock.now_ns()
+        driver.flush()
+        self.record(State(entity=entity, session=driver.name, what="destroyed", code=code, begin=begin, end=end))
+        return code
+
+    def close(self) -> None:
+        """Destroy all sessions and end their threads."""
+        for name, driver in self.drivers.items():
+            if driver.session is not None:
+                self.perform(driver, "destroy session", lambda name=name: self.destroy(name))  # type: ignore[misc]
+        for driver in self.drivers.values():
+            driver.stop()
+            self.clock.wait(driver.task.done, self.clock.now_ns() + HANG_NS)
+        self.backend.close()
+
+    # Events.
+
+    def registration_deadline_ms(self, actor: Actor) -> int:
+        """``deadline_ms`` for the deadline kinds: as the scenario says, else the QoS', else 1T."""
+        if actor.spec.registration_deadline is not None:
+            return actor.spec.registration_deadline.ns(self.quantities) // MS
+        deadline = actor.spec.qos.deadline
+        if deadline is not None and not deadline.is_infinite and deadline.ns(self.quantities):
+            return deadline.ns(self.quantities) // MS
+        return self.quantities["T"] // MS
+
+    def _register_all(self, actor: Actor) -> None:
+        wanted = actor.spec.register
+        if wanted == "none":
+            return
+        side = [kind for kind in EventKind if kind.side is actor.side]
+        names = registered_kinds(self.scenario, actor.name) if wanted == "expected" else wanted
+        handle = actor.created()
+        for kind in side if wanted == "supported" else [KIND_BY_LABEL[name] for name in names]:
+            begin = self.clock.now_ns()
+            supports = handle.supports_event(int(kind))
+            if wanted == "supported" and not supports:
+                continue
+            label = f"{actor.name}/{kind.label}"
+            deadline = self.registration_deadline_ms(actor) if kind.is_deadline else 0
+            code = handle.register_event(int(kind), deadline, self.callback(actor, label), label)
+            self.record(
+                Registered(
+                    registration=label, entity=actor.name, session=actor.driver.name, kind=int(kind),
+                    supports=bool(supports), code=int(code), begin=begin, end=self.clock.now_ns(),
+                )
+            )  # fmt: skip
+
+    def callback(self, actor: Actor, registration: str) -> EventCallback:
+        """The callback to register: it writes down what it was called with, and nothing else."""
+        driver = actor.driver
+
+        def on_event(kind: int, status: EventStatus, context: object) -> None:
+            t = self.clock.now_ns()
+            thread = self.clock.task_id()
+            own = thread == driver.thread
+            inside = driver.inside and own
+            driver.callbacks += own
+            if actor.driver.name in self.executors:
+                self.executors[actor.driver.name].note_callback()
+            self.record(
+                Event(
+                    registration=registration, kind=int(kind), entity=actor.name, session=driver.name,
+                    context=str(context), process=os.getpid(), thread=thread, driver=driver.thread,
+                    spin=driver.spins if inside else -1, inside_drive=inside, t=t,
+                    wait=driver.wait_in_spin() if inside else 0,
+                    status={name: int(value) for name, value in status._asdict().items()},
+                )
+            )  # fmt: skip
+
+        return on_event
+
+    # Messages.
+
+    def _watch(self, actor: Actor) -> None:
+        handle = actor.handle
+        if not isinstance(handle, Subscription):
+            return
+        if actor.spec.take == "always":
+            actor.driver.after_drive.append(lambda: self._drain(actor))
+        if actor.driver.name in self.executors:
+            self.executors[actor.driver.name].add_subscription(handle, lambda data: self._spun(actor, data))
+
+    def _drain(self, actor: Actor) -> None:
+        if actor.handle is not None:
+            self.take(actor, None, 65536)
+
+    def _spun(self, actor: Actor, data: bytes) -> None:
+        actor.driver.callbacks += 1
+        self.message(actor, data, callback=True)
+
+    def take(self, actor: Actor, limit: int | None, size: int) -> int:
+        """Take up to ``limit`` samples; how many, or the code when there was none."""
+        handle = actor.created()
+        assert isinstance(handle, Subscription)
+        taken = 0
+        while limit is None or taken < limit:
+            data = handle.try_recv_raw(size)
+            if not isinstance(data, bytes):
+                return taken or int(data)
+            taken += 1
+            self.message(actor, data)
+        return taken
+
+    def message(self, actor: Actor, data: bytes, *, callback: bool = False) -> None:
+        """Write down a sample that was taken."""
+        t = self.clock.now_ns()
+        identity = payload.decode(data)
+        ours = identity is not None and identity.run == self.run_tag
+        sender = list(self.actors)[identity.publisher] if ours and identity else ""
+        self.record(
+            Message(
+                session=actor.driver.name, entity=actor.name, t=t, publisher=sender,
+                sequence=identity.sequence if ours and identity else 0,
+                label=self.labels[identity.label] if ours and identity else "", size=len(data), callback=callback,
+            )
+        )  # fmt: skip
+
+
+def qos_profile(spec: schema.Qos, quantities: dict[str, int]) -> QosProfile:
+    """The QoS that a suite writes, as the contract's. Durations round up to whole ms (QOS-003)."""
+    fields: dict[str, object] = {}
+    enums = {"reliability": Reliability, "durability": Durability, "history": History, "liveliness": Liveliness}
+    for name, enum in enums.items():
+        value = getattr(spec, name)
+        if value is not None:
+            fields[name] = enum[value.upper()]
+    for name in ("deadline", "lifespan", "lease"):
+        duration = getattr(spec, name)
+        if duration is not None:
+            fields[f"{name}_ms"] = INFINITE_MS if duration.is_infinite else -(-duration.ns(quantities) // MS)
+    if spec.depth is not None:
+        fields["depth"] = spec.depth
+    return dataclasses.replace(PROFILES[spec.profile], **fields)  # type: ignore[arg-type]

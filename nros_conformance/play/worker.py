@@ -1,0 +1,135 @@
+"""A worker process: plays scenarios of one backend, many at once, and writes their traces.
+
+Started by `pool`. It may crash or hang as its backend pleases: the harness looks at what is left.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import importlib
+import os
+import queue
+import signal
+import socket
+import sys
+import threading
+import time
+from pathlib import Path
+
+import msgspec
+
+from nros_conformance.play.plan import Plan
+from nros_conformance.play.player import play
+from nros_conformance.play.wire import Beat, Broken, Finished, Job, Report, Started, decode_job, encode
+from nros_conformance.rmw.backend import Backend
+from nros_conformance.rmw.clock import Clock, MonotonicClock, VirtualClock
+from nros_conformance.trace.files import TraceWriter
+from nros_conformance.trace.records import End
+
+BEAT_S = 0.5
+"""How often the worker shows that its interpreter runs."""
+
+_PR_SET_PDEATHSIG = 1
+
+
+class Worker:
+    """Plays one job over one connection to the harness."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+        self._hung = False
+
+    def run(self, job: Job) -> None:
+        """Play all plans; tells the harness about each."""
+        threading.Thread(target=self._beat, name="beat", daemon=True).start()
+        try:
+            adapter = load_adapter(job.plans[0].adapter)
+        except Exception as error:
+            self.tell(Broken(f"{type(error).__name__}: {error}"))
+            return
+        if job.virtual:
+            for plan in job.plans:
+                self._play(plan, adapter, VirtualClock())
+        else:
+            self._play_together(job, adapter)
+
+    def tell(self, message: Report) -> None:
+        """Say something to the harness; without a harness there is no reason to live."""
+        try:
+            with self._lock:
+                self._connection.sendall(encode(message))
+        except OSError:
+            os._exit(1)
+
+    @property
+    def hung(self) -> bool:
+        """Whether a thread of this process is stuck in a backend, so that an orderly exit may not work."""
+        return self._hung
+
+    def _play_together(self, job: Job, adapter: type[Backend]) -> None:
+        waiting: queue.SimpleQueue[Plan] = queue.SimpleQueue()
+        for plan in job.plans:
+            waiting.put(plan)
+
+        def work(network: int) -> None:
+            while True:
+                try:
+                    plan = waiting.get_nowait()
+                except queue.Empty:
+                    return
+                end = self._play(msgspec.structs.replace(plan, network=network), adapter, MonotonicClock())
+                if end.outcome == "hang":
+                    # Its threads still use this place in the network: nobody else may have it.
+                    network = next(spare)
+
+        spare = iter(range(job.concurrency, job.concurrency + len(job.plans)))
+        threads = [threading.Thread(target=work, args=(n,), name=f"stage {n}") for n in range(job.concurrency)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    def _play(self, plan: Plan, adapter: type[Backend], clock: Clock) -> End:
+        self.tell(Started(plan.key))
+        begin = time.monotonic()
+        with TraceWriter(Path(plan.trace)) as writer:
+            if isinstance(clock, VirtualClock):
+                end = clock.run(lambda: play(plan, adapter, clock, writer.write))
+            else:
+                end = play(plan, adapter, clock, writer.write)
+        self._hung |= end.outcome == "hang"
+        self.tell(Finished(plan.key, end.outcome, time.monotonic() - begin))
+        return end
+
+    def _beat(self) -> None:
+        while True:
+            self.tell(Beat())
+            time.sleep(BEAT_S)
+
+
+def load_adapter(name: str) -> type[Backend]:
+    """The adapter class of ``module:Class``."""
+    module, _, attribute = name.partition(":")
+    found: type[Backend] = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def main() -> None:
+    """Entry of ``python -m nros_conformance.play.worker FD``."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the harness decides what an interrupt means
+    faulthandler.enable()
+    connection = socket.socket(fileno=int(sys.argv[1]))
+    with connection.makefile("rb") as lines:
+        job = decode_job(lines.readline())
+        worker = Worker(connection)
+        worker.run(job)
+    if worker.hung:
+        os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

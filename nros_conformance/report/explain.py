@@ -1,0 +1,212 @@
+"""Why a scenario was judged as it was, as text: requirement, script, timeline, judgement."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from nros_conformance.judge.results import Finding, Verdict
+from nros_conformance.report.columns import columns
+from nros_conformance.report.evidence import evidence
+from nros_conformance.report.matrix import MEANINGS
+from nros_conformance.report.results import Attempt, Observation, Report, ReportError, ScenarioResult
+from nros_conformance.report.table import Table
+from nros_conformance.report.timeline import render, timeline
+from nros_conformance.rmw.codes import code_name
+from nros_conformance.rmw.events import EventKind
+from nros_conformance.suite.catalogue import Requirement
+from nros_conformance.suite.loader import Loaded
+from nros_conformance.suite.walk import expectations
+from nros_conformance.trace.records import Trace
+
+WIDTH = 96
+
+
+def explain_scenario(
+    report: Report, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement]
+) -> str:
+    """The whole explanation of one play."""
+    verdict = attempt.verdict
+    final = "a fail is final" if verdict.verdict == "fail" else f"T = {attempt.T_ns / 1e6:g} ms"
+    word = {"pass": "pass", "fail": "FAIL", "inconclusive": "unclear"}.get(verdict.verdict, verdict.verdict)
+    lines = [
+        f"{word:<6} {result.key} on {report.row}{'':<8}attempt {attempt.number} of {len(result.attempts)}, {final}"
+    ]
+    lines += ["", f"  {result.title}"]
+    if verdict.reason:
+        lines += _wrapped(verdict.reason, "  ")
+    for id_ in _concerned(result, verdict):
+        lines += ["", *_requirement(requirements[id_], requirements)]
+    lines += ["", f"Script   {result.source:<62} T = {attempt.T_ns / 1e6:g} ms"]
+    lines += [f"  {line}" for line in script_lines(trace.header.scenario)]
+    lines += ["", "Timeline   ms after the start"]
+    lines += render(timeline(trace, verdict.findings), trace.header.start)
+    lines += ["", "Judgement", *_judgement(verdict)]
+    lines += ["", f"Again      {again(report, result)}", f"Trace      {report.row}/{attempt.trace}"]
+    return "\n".join(lines)
+
+
+def again(report: Report, result: ScenarioResult) -> str:
+    """The one command that plays just that."""
+    key = f"'{result.key}'" if "[" in result.key else result.key
+    return f"nros-conformance run --backend {report.row} --scenario {key}"
+
+
+def failure(report: Report, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
+    """The block that a run prints for a failure, as soon as it is known."""
+    verdict = result.last
+    assert verdict is not None
+    failed = verdict.failed()
+    ids = sorted({id_ for finding in failed for id_ in finding.proves if requirements[id_].level == "must"})
+    word = "known" if result.known else "FAIL"
+    lines = [f"{word}  {report.row}  {result.key}   {', '.join(f'{id_} (must)' for id_ in ids)}".rstrip()]
+    if ids:
+        lines += _wrapped(requirements[ids[0]].statement, "  ")
+    for finding in failed[:1]:
+        lines += _wrapped(finding.wanted, "  wanted  ") + _wrapped(finding.got, "  got     ")
+    if not failed:
+        lines += _wrapped(verdict.reason, "  cause   ")
+    lines += [
+        f"  why     nros-conformance explain {report.row} {_quoted(result.key)}",
+        f"  again   {again(report, result)}",
+    ]
+    return "\n".join(lines)
+
+
+def script_lines(scenario: Mapping[str, Any]) -> list[str]:
+    """The script, a step a line, in the words of the suite."""
+    return [line for step in scenario.get("script", ()) for line in _step(step)]
+
+
+def _step(step: Any, indent: str = "") -> Iterable[str]:
+    if isinstance(step, str):
+        return [indent + step]
+    if "parallel" in step:
+        lines = [f"{indent}side by side"]
+        for branch in step["parallel"]:
+            inner = [line for one in branch for line in _step(one, indent + "    ")]
+            lines += [f"{indent}  - {inner[0].strip()}", *inner[1:]]
+        return lines
+    head = f"{step['do']} " if "do" in step else ""
+    rest = ", ".join(f"{key} {_value(value)}" for key, value in step.items() if key not in ("do", "as"))
+    label = f"   ({step['as']})" if "as" in step else ""
+    return [f"{indent}{head}{rest}{label}"]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_value(inner)}" for key, inner in value.items()) + "}"
+    return str(value)
+
+
+def _quoted(key: str) -> str:
+    return f"'{key}'" if "[" in key else key
+
+
+def _concerned(result: ScenarioResult, verdict: Verdict) -> list[str]:
+    wrong = sorted({id_ for f in verdict.findings if f.outcome in ("fail", "unclear") for id_ in f.proves})
+    return wrong or list(result.proves)
+
+
+def _requirement(one: Requirement, requirements: Mapping[str, Requirement]) -> list[str]:
+    lines = _wrapped(f"{one.statement}", f"{one.id} ({one.level})  ", "  ")
+    lines.append(f"  from       {one.source}")
+    if one.level == "must":
+        heads = columns({each.id: each.level for each in requirements.values()})
+        lines += [f"  counts in  {column.title}" for column in heads if one.id in column.musts]
+    return lines
+
+
+def _judgement(verdict: Verdict) -> list[str]:
+    lines: list[str] = []
+    held = implied = absent = 0
+    for finding in verdict.findings:
+        if finding.outcome == "pass":
+            implied += finding.implied
+            held += not finding.implied
+        elif finding.outcome == "none":
+            absent += 1
+        else:
+            lines += _finding(finding)
+    lines.append(f"  held       {held} expectations and {implied} invariants")
+    if absent:
+        lines.append(f"  no word    {absent} findings had nothing to judge")
+    lines += [f"  warning    {text}" for text in verdict.warnings]
+    return lines
+
+
+def _finding(finding: Finding) -> list[str]:
+    word = "FAIL" if finding.outcome == "fail" else finding.outcome
+    lines = [f"  {word:<9}  {finding.name}   {', '.join(finding.proves)}".rstrip()]
+    lines += _wrapped(finding.wanted, "  wanted     ")
+    lines += _wrapped(finding.got, "  got        ")
+    if finding.nearest_ns:
+        side = "too late" if finding.nearest_ns > 0 else "too early"
+        lines.append(f"  nearest    {abs(finding.nearest_ns) / 1e6:.1f} ms {side}")
+    return lines
+
+
+def _wrapped(text: str, first: str, rest: str = "") -> list[str]:
+    if not text:
+        return []
+    return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=rest or " " * len(first))
+
+
+def explain_word(word: str) -> str | None:
+    """A word of the legend, by its id or as it is printed; None for another word."""
+    for id_, (printed, means) in MEANINGS.items():
+        if word in (id_, printed, printed.split()[0]):
+            return f'{id_}   printed as "{printed}": {means}'
+    return None
+
+
+def explain_requirement(one: Requirement, scenarios: Iterable[Loaded], reports: Iterable[Report]) -> str:
+    """A requirement, the scenarios that prove it, and how each backend stands with it."""
+    lines = _wrapped(one.statement, f"{one.id} ({one.level})  ", "  ")
+    lines.append(f"  from       {one.source}")
+    if one.resolution:
+        lines += _wrapped(one.resolution, "  conflict   ")
+    proving = [
+        each for each in scenarios if any(one.id in e.requirements for _, e in expectations(each.scenario))
+    ]  # fmt: skip
+    lines += ["", "Scenarios" if proving else "No scenario proves it."]
+    lines += [f"  {each.key:<52} {each.source}" for each in proving]
+    standing = [(report, evidence(report, {one.id: one.level})[one.id]) for report in reports if report.available]
+    if standing:
+        lines += ["", "Backends"]
+        lines += [f"  {report.row:<12} {each.standing:<15} {each.reason}".rstrip() for report, each in standing]
+    return "\n".join(lines)
+
+
+def explain_cell(report: Report, column: str, table: Table) -> str:
+    """A cell: what is declared, what was observed, rule by rule."""
+    known = {one.id.lower(): one for one in table.columns} | {one.title.lower(): one for one in table.columns}
+    head = known.get(column.lower())
+    if head is None:
+        raise ReportError(f"there is no column {column!r}; there is {', '.join(one.id for one in table.columns)}")
+    row = next((one for one in (*table.rows, *table.control) if one.name == report.row), None)
+    if row is None:
+        raise ReportError(f"{report.row} has no row: {report.unavailable_reason}")
+    cell = row.cell(head.id)
+    lines = [f"{cell.text} ({cell.id})   {row.title}, {head.title}", "", *_wrapped(cell.reason, "  why        ")]
+    if head.kind is not None:
+        event = report.declaration.event(head.kind)
+        lines += _wrapped(event.how or event.because, f"  declared   {event.claim}: ", " " * 13)
+        codes = sorted({one.code for one in _answers(report, head.kind)})
+        if codes:
+            lines.append(f"  register   answered {', '.join(code_name(code) for code in codes)}")
+    lines += ["", "Rules" if head.musts else "Scenarios"]
+    for id_ in head.musts:
+        one = row.found[id_]
+        keys = one.scenarios("fail", "unclear") or one.scenarios("pass")
+        shown = ", ".join(keys[:2]) + (f" and {len(keys) - 2} more" if len(keys) > 2 else "")
+        lines.append(f"  {id_}  {one.standing:<15} {shown or one.reason}")
+    lines += (
+        ["", f"Not said   anything about {report.declaration.subject.not_}"] if report.declaration.subject.not_ else []
+    )
+    return "\n".join(lines)
+
+
+def _answers(report: Report, kind: EventKind) -> list[Observation]:
+    return [o for o in report.observations if (o.call, o.kind, o.case) == ("register", kind, "right side")]
