@@ -73,7 +73,6 @@ def _parser() -> argparse.ArgumentParser:
         "--max-unclear", type=int, default=0, metavar="N",
         help="tolerate N scenarios that stay unclear after repeats (default 0)",
     )  # fmt: skip
-    run.add_argument("--no-control", action="store_true", help=argparse.SUPPRESS)
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
 
     lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")

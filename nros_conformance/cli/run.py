@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 
 from nros_conformance import __version__
-from nros_conformance.campaign.control import find_control, run_control
+from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.run import Progress, RowRun
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     say(terminal.opening(__version__, suites, selection, len(chosen)))
     say(f"host     {check_host()}")
     control = _control(suites, selection, options, say)
-    if control is not None and not control.ok:
+    if not control.ok:
         return ExitCode.INTERNAL
     rows = [row for found in backends for row in _rows(found)]
     with lease_ports() as ports:
@@ -111,11 +111,8 @@ def _rows(found: Found) -> list[Row]:
     return [Row(found.declaration, found.adapter, variant, versions) for variant in variants or [""]]
 
 
-def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control | None:
-    if options.no_control:
-        return None
+def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:
     begun = time.monotonic()
-    find_control()
     control = run_control(suites, selection, options.results)
     planted = f"; {control.planted}" if control.planted else ""
     say(f"control  reference {control.reference}{planted}   {time.monotonic() - begun:.1f} s")

@@ -156,11 +156,9 @@ class _Periodic:
             late = seen.when.hi - due
             got = f"{shown(self.index, seen)}, {miss(late, perhaps=perhaps)}"
             return Judged(decide(not perhaps, True), self.wanted, got, late, seen.when.hi, missing=True)
-        came = "perhaps had not come" if perhaps else "had not come"
-        got = f"{self._number(number)} {came} when drive_io returned {clock(self.index, ended)}"
-        return Judged(
-            decide(not perhaps, True), self.wanted, f"{got}, {miss(ended - due)}", ended - due, due, missing=True
-        )
+        came = "had perhaps not come" if perhaps else "had not come"
+        got = f"{self._number(number)} {came} when drive_io returned {clock(self.index, ended)}, {miss(ended - due)}"
+        return Judged(decide(not perhaps, True), self.wanted, got, ended - due, due, missing=True)
 
     def _early(self, seen: Seen, sure: int, possible: int) -> None:
         """Whether the total is higher than the periods that are over allow."""

@@ -76,6 +76,8 @@ class Index:
         self._drives: dict[str, Drives] = {}
         self._arrange(trace)
         self.script_end = self._script_end(trace)
+        self.script_place = self.all_acts[-1][0] if self.all_acts else -1
+        """Position of the last action: what stands before it belongs to the script."""
         names: dict[str, tuple[str, ...]] = {}
         for name, entity in scenario.entities.items():
             names[name] = (name,) if entity.count == 1 else tuple(f"{name}[{i}]" for i in range(entity.count))

@@ -72,14 +72,7 @@ def _by(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -
         first = by
     drives, session = index.drives_of(entity), index.session_of(entity)
     reached = [step for step in steps if step.value == expected.is_]
-    certain = next(
-        (
-            step
-            for step in reached
-            if step.until.lo >= first.hi and (step.seen is None or step.since.hi <= index.script_end.lo)
-        ),
-        None,
-    )
+    certain = next((step for step in reached if step.until.lo >= first.hi and _within_script(index, step)), None)
     due = by.lo + index.late
     if certain is not None:
         at = certain.since.hi
@@ -99,10 +92,17 @@ def _by(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -
         judged = Judged(decide(late, True), "", got, ended - due if late else None, by.hi, missing=True)
         return unless_blind(index, session, judged, first.lo)
     late = possible.since.lo > due and drives.surely(possible.position, possible.since.lo) >= due
+    late = late and due <= index.script_end.lo
     nearest = possible.since.hi - due
-    got = f"{_told(index, possible)}, {miss(nearest, perhaps=not late)}"
-    judged = Judged(decide(late, True), "", got, nearest, possible.since.hi, missing=True)
+    over = nearest <= 0 and possible.seen is not None
+    missed = "but the script was over by then" if over else miss(nearest, perhaps=not late)
+    got = f"{_told(index, possible)}, {missed}"
+    judged = Judged(decide(late, True), "", got, None if over else nearest, possible.since.hi, missing=True)
     return unless_blind(index, session, judged, first.lo)
+
+
+def _within_script(index: Index, step: _Step) -> bool:
+    return step.seen is None or step.position < index.script_place or step.since.hi < index.script_end.lo
 
 
 def _throughout(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -> Judged:

@@ -6,8 +6,13 @@ from collections.abc import Iterable, Mapping
 
 from msgspec import Struct
 
+from nros_conformance.rmw.clock import MS
 from nros_conformance.suite import schema
 from nros_conformance.trace.records import Header
+
+HANG_NS = 5_000 * MS
+"""Generous: the slowest call that a busy host delayed in our measurements took 0.4 s, and a hang costs
+the run only this wait."""
 
 
 class Plan(Struct, frozen=True, kw_only=True):
@@ -21,6 +26,8 @@ class Plan(Struct, frozen=True, kw_only=True):
     ports: tuple[int, int] = (0, 0)
     options: dict[str, str] = {}
     expected_ns: int = 0
+    hang_ns: int = HANG_NS
+    """How long after its time a call may return before it counts as hanging."""
 
 
 def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:

@@ -7,7 +7,6 @@ own, which tells who was to blame.
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 import select
 import signal
@@ -23,6 +22,12 @@ from nros_conformance.play.plan import Plan
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
 from nros_conformance.trace.files import TraceWriter
 from nros_conformance.trace.records import End
+
+_CURRENT = re.compile(r"^Current thread .*\n", re.MULTILINE)
+_THREAD = re.compile(r"^(?:Current thread|Thread) .*\n", re.MULTILINE)
+_FRAME = re.compile(r"^  File \"([^\"]+)\", line (\d+) in (\S+)", re.MULTILINE)
+_DRIVER = "play/driver.py"
+_WAITING = ("threading.py", "clock.py", "driver.py")
 
 SILENCE_S = 20.0
 """A worker whose interpreter has not beaten for this long is held up by its backend. Forty beats: the
@@ -110,8 +115,8 @@ class Pool:
         if self._stopped.is_set() or not watch.in_flight:
             return watch.done, []
         suspects = list(watch.in_flight.values())
-        where = _where(self._log, log_start)
         what = "hang" if watch.killed else "crash"
+        where = _where(self._log, log_start, what)
         detail = watch.killed or _death(process.returncode)
         detail += f", {where}" if where else ""
         self._casualty(Casualty(what, detail, tuple(watch.in_flight)))
@@ -215,10 +220,19 @@ def _death(returncode: int) -> str:
     return f"the process exited with code {returncode}"
 
 
-def _where(log: Path, start: int) -> str:
-    """The innermost frame of the thread that crashed, from faulthandler's report."""
+def _where(log: Path, start: int, what: str) -> str:
+    """The frame in which the backend crashed or is stuck, from faulthandler's report of all threads."""
     with log.open("rb") as file:
         file.seek(start)
         text = file.read().decode(errors="replace")
-    match = re.search(r"Current thread .*?\n  File \"(?P<file>[^\"]+)\", line (?P<line>\d+) in (?P<name>\S+)", text)
-    return f"in {match['name']} at {os.path.basename(match['file'])}:{match['line']}" if match else ""  # noqa: PTH119
+    stacks = [_FRAME.findall(stack) for stack in _THREAD.split(text)[1:]]
+    if what == "crash":
+        current = _CURRENT.split(text)
+        guilty = [_FRAME.findall(current[1].partition("\n\n")[0])] if len(current) > 1 else []
+    else:  # a thread that was called by a session's thread and does not wait for one of ours
+        guilty = [stack for stack in stacks if any(frame[0].endswith(_DRIVER) for frame in stack)]
+        guilty = [stack for stack in guilty if not stack[0][0].endswith(_WAITING)]
+    if not guilty or not guilty[0]:
+        return ""
+    file_name, line, function = guilty[0][0]
+    return f"in {function} at {Path(file_name).name}:{line}"

@@ -20,10 +20,6 @@ from nros_conformance.suite.kinds import registered_kinds
 from nros_conformance.suite.walk import members, session_of, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
 
-HANG_NS = 5_000 * MS
-"""A call that has not returned this long after it should have is a hang. Generous: the slowest call
-that a busy host delayed in our measurements took 0.4 s, and a hang costs the run only this wait."""
-
 
 class StopPlay(Exception):
     """The play ends here: ``outcome`` and ``detail`` of the `End` record."""
@@ -133,7 +129,7 @@ class Stage:
     def finish(self, commands: list[Command], allowance_ns: int = 0) -> None:
         """Wait for posted calls; raises `StopPlay` for a hang or a failure."""
         for command in commands:
-            limit = max(command.due, self.clock.now_ns()) + allowance_ns + HANG_NS
+            limit = max(command.due, self.clock.now_ns()) + allowance_ns + self.plan.hang_ns
             if not self.clock.wait(command.done, limit):
                 raise self._hang(command)
         if self.stopped is not None:
@@ -144,7 +140,7 @@ class Stage:
             if driver.calling is not None:
                 call, begin = driver.calling
                 lasted = (self.clock.now_ns() - begin) / 1e9
-                if lasted > HANG_NS / 2e9:
+                if lasted > self.plan.hang_ns / 2e9:
                     return StopPlay("hang", f"{call} on session {driver.name} has not returned after {lasted:.1f} s")
         return StopPlay("hang", f"{command.op} on session {command.entity or '?'} did not get its turn")
 
@@ -238,7 +234,7 @@ class Stage:
                 self.perform(driver, "destroy session", lambda name=name: self.destroy(name))  # type: ignore[misc]
         for driver in self.drivers.values():
             driver.stop()
-            self.clock.wait(driver.task.done, self.clock.now_ns() + HANG_NS)
+            self.clock.wait(driver.task.done, self.clock.now_ns() + self.plan.hang_ns)
         self.backend.close()
 
     # Events.

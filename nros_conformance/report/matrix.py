@@ -41,7 +41,7 @@ MEANINGS: Mapping[CellId, tuple[str, str]] = {
     "unclaimed": ("undeclared", "works, although its declaration says no."),
     "not_applicable": ("n/a", "there is nothing to ask for."),
     "inconclusive": ("unclear", "no conclusive verdict, even after repeats."),
-    "no_evidence": ("untested", "what decides was not played, see [Gaps](#gaps)."),
+    "no_evidence": ("untested", "nothing was played that could decide, see [Gaps](#gaps)."),
 }
 """What is printed and what it means, in the order of the legend."""
 

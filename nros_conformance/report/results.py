@@ -56,7 +56,7 @@ class ScenarioResult(_Part, frozen=True, kw_only=True):
     parameters: dict[str, Any] = {}
     canonical: KindName | None = None
     refusal: KindName | None = None
-    needs: tuple[KindName, ...] = ()
+    needs: tuple[str, ...] = ()
     """The events that it can only be played with."""
     proves: tuple[str, ...] = ()
     """The requirements that its expectations name."""

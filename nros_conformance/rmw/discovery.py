@@ -12,7 +12,7 @@ import importlib.metadata
 import importlib.util
 from pathlib import Path
 
-from nros_conformance.formats.places import FormatError
+from nros_conformance.formats.places import FormatError, nearest
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.declaration import Declaration, load_declaration
 
@@ -77,7 +77,8 @@ def find_backend(name: str) -> Found:
         raise BackendNotFound(
             f"no backend {name!r}: none is installed; run: pip install -e . (entry points exist only once installed)"
         )
-    raise BackendNotFound(f"no backend {name!r}; installed are {', '.join(backends)}")
+    hint = nearest(name, list(backends)) if backends else ""
+    raise BackendNotFound(f"no backend {name!r}; {hint.replace('valid are', 'installed are')}")
 
 
 def _found(name: str, adapter: str) -> Found:

@@ -53,16 +53,22 @@ def test_what_durations_mean(text: str | int | float, ns: int) -> None:
         ("ms", "'ms' in 'ms' has no number; write for example 1ms"),
         ("1T + ms", "'ms' in '1T + ms' has no number; write for example 1ms"),
         ("2sec", "unknown unit 'sec' in the duration '2sec'; did you mean 's'?"),
-        ("2 * conection_lease", "unknown unit 'conection_lease' in the duration '2 * conection_lease'; did you mean 'connection_lease'?"),
+        (
+            "2 * conection_lease",
+            "unknown unit 'conection_lease' in the duration '2 * conection_lease'; did you mean 'connection_lease'?",
+        ),
         ("1T +", "the duration '1T +' ends with '+'; something has to follow"),
         ("1T + * 2", "cannot read ' * 2' in the duration '1T + * 2'"),
         ("connection_lease * 2", "cannot read '* 2' in the duration 'connection_lease * 2'"),
         ("1T, 2T", "cannot read ', 2T' in the duration '1T, 2T'"),
         (".5T", "cannot read '.5T' in the duration '.5T'"),
-        ("infinite", "unknown unit 'infinite' in the duration 'infinite'; known are ns, us, ms, s, min, h, T, tolerance, "
-         "early, discovery_bound, connection_lease, hard_liveliness_timeout, hard_liveliness_grace"),
+        (
+            "infinite",
+            "unknown unit 'infinite' in the duration 'infinite'; known are ns, us, ms, s, min, h, T, tolerance, "
+            "early, discovery_bound, connection_lease, hard_liveliness_timeout, hard_liveliness_grace",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_duration(text: str, message: str) -> None:
     with pytest.raises(DurationError) as caught:
         Duration.parse(text)
@@ -104,8 +110,5 @@ def test_durations_are_values() -> None:
 def test_a_sum_is_the_sum_of_its_terms(terms: list[tuple[str, object, str]]) -> None:
     quantities = {name: 1_000_000 * place for place, name in enumerate(QUANTITIES, 3)}
     text = " ".join(f"{sign} {factor} {unit}" for sign, factor, unit in terms)
-    exact = sum(
-        ((1 if sign == "+" else -1) * Fraction(str(factor)) * (UNITS_NS | quantities)[unit] for sign, factor, unit in terms),
-        Fraction(0),
-    )  # fmt: skip
-    assert Duration.parse(text).ns(quantities) == int(exact)
+    exact = [Fraction(f"{sign}{factor}") * (UNITS_NS | quantities)[unit] for sign, factor, unit in terms]
+    assert Duration.parse(text).ns(quantities) == int(sum(exact))

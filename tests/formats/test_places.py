@@ -52,11 +52,14 @@ def test_a_document_becomes_a_value() -> None:
         ("name: volvo\nspare:\n  seize: 1\n", "car.yaml:3: unknown key 'seize'; did you mean 'size'?"),
         ("name: volvo\nparts:\n  a: {}\n  b: {size: x}\n", "car.yaml:4: size: expected `int`, got `str`"),
         ("name: volvo\nparts:\n  a: {}\n  B: {}\n", "car.yaml:4: the key 'B' does not have the form ^[a-z]+$"),
-        ("name: volvo\nspare: {turn: 1x}\n", "car.yaml:2: turn: unknown unit 'x' in the duration '1x'; known are ns, us, "
-         "ms, s, min, h, T, tolerance, early, discovery_bound, connection_lease, hard_liveliness_timeout, "
-         "hard_liveliness_grace"),
+        (
+            "name: volvo\nspare: {turn: 1x}\n",
+            "car.yaml:2: turn: unknown unit 'x' in the duration '1x'; known are ns, us, "
+            "ms, s, min, h, T, tolerance, early, discovery_bound, connection_lease, hard_liveliness_timeout, "
+            "hard_liveliness_grace",
+        ),
     ],
-)  # fmt: skip
+)
 def test_errors_name_line_key_and_remedy(text: str, message: str) -> None:
     assert failing(text) == message
 

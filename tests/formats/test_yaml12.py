@@ -18,12 +18,33 @@ def read(text: str) -> Document:
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("on", "on"), ("yes", "yes"), ("No", "No"), ("off", "off"), ("True", "True"), ("true", True), ("false", False),
-        ("null", None), ("~", None), ("", None), ("12", 12), ("-1", -1), ("+3", 3), ("1.5", 1.5), ("1e3", 1000.0),
-        ("0x10", "0x10"), ("1_000", "1_000"), ("12:30", "12:30"), ("2027-05-01", "2027-05-01"), ("0.4T", "0.4T"),
-        ("'12'", "12"), ('"true"', "true"), ("|\n  12", "12\n"), ("$n", "$n"), ("1T # scale", "1T"),
+        ("on", "on"),
+        ("yes", "yes"),
+        ("No", "No"),
+        ("off", "off"),
+        ("True", "True"),
+        ("true", True),
+        ("false", False),
+        ("null", None),
+        ("~", None),
+        ("", None),
+        ("12", 12),
+        ("-1", -1),
+        ("+3", 3),
+        ("1.5", 1.5),
+        ("1e3", 1000.0),
+        ("0x10", "0x10"),
+        ("1_000", "1_000"),
+        ("12:30", "12:30"),
+        ("2027-05-01", "2027-05-01"),
+        ("0.4T", "0.4T"),
+        ("'12'", "12"),
+        ('"true"', "true"),
+        ("|\n  12", "12\n"),
+        ("$n", "$n"),
+        ("1T # scale", "1T"),
     ],
-)  # fmt: skip
+)
 def test_words_and_numbers_are_those_of_yaml_1_2(text: str, value: Any) -> None:
     assert read(f"key: {text}\n").data == {"key": value}
 
@@ -51,17 +72,33 @@ def test_what_has_no_line_has_that_of_what_it_is_in() -> None:
         ("# nothing\n", "sample.yaml:1: the file is empty"),
         ("a: 1\nb: 2\na: 3\n", "sample.yaml:3: the key 'a' stands here twice; the first is in line 1"),
         ("a: {b: 1, b: 2}", "sample.yaml:1: the key 'b' stands here twice; the first is in line 1"),
-        ("a: [1,\nb", "sample.yaml:2: not YAML: while parsing a flow sequence, expected ',' or ']', but got '<stream end>'; that began in line 1"),
-        ("a: 1\n---\nb: 2\n", "sample.yaml:2: not YAML: expected a single document in the stream, but found another document; that began in line 1"),
+        (
+            "a: [1,\nb",
+            "sample.yaml:2: not YAML: while parsing a flow sequence, expected ',' or ']', but got '<stream "
+            "end>'; that began in line 1",
+        ),
+        (
+            "a: 1\n---\nb: 2\n",
+            "sample.yaml:2: not YAML: expected a single document in the stream, but found another document; that "
+            "began in line 1",
+        ),
         ("a: b: c\n", "sample.yaml:1: not YAML: mapping values are not allowed here"),
         ("a: *nowhere\n", "sample.yaml:1: not YAML: found undefined alias 'nowhere'"),
-        ("x: 1\na: {b: c[0]}\n", "sample.yaml:2: not YAML: while parsing a flow mapping, expected ',' or '}', but got '['; between { and } a text with brackets needs quotes"),
-        ("a: \x07\n", "sample.yaml: not YAML: unacceptable character #x0007: special characters are not allowed in \"<unicode string>\", position 3"),
+        (
+            "x: 1\na: {b: c[0]}\n",
+            "sample.yaml:2: not YAML: while parsing a flow mapping, expected ',' or '}', but got '['; between { "
+            "and } a text with brackets needs quotes",
+        ),
+        (
+            "a: \x07\n",
+            "sample.yaml: not YAML: unacceptable character #x0007: special characters are not allowed in "
+            '"<unicode string>", position 3',
+        ),
         ("a: &x [1, *x]\n", "sample.yaml:1: the alias *x stands inside of what it names"),
         ("a: !mine 1\n", "sample.yaml:1: the tag '!mine' is not known; remove it"),
         ("a: 1\n? [b]\n: 2\n", "sample.yaml:2: a sequence stands where a key is expected; quote it, or name it"),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_yaml(text: str, message: str) -> None:
     with pytest.raises(FormatError) as caught:
         read(text)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from nros_conformance.report.cells import WORDS, Cell, cells
+from nros_conformance.report.cells import WORDS, Cell, cells, fires
 from nros_conformance.report.columns import columns
 from nros_conformance.report.evidence import evidence
 from nros_conformance.report.notes import assign
@@ -135,7 +135,8 @@ EVENT_CASES = {
         CLAIMED, rules(LVC_MUSTS),
     ),
     "it fires, and nothing more is known": Case(
-        "no_evidence", "untested", (), "it fires on its canonical stimulus, but no rule was exercised: no scenario proves it",
+        "no_evidence", "untested", (),
+        "it fires on its canonical stimulus, but no rule was exercised: no scenario proves it",
         CLAIMED, [canonical(LVC)],
     ),
     "proved absent": Case(
@@ -183,6 +184,25 @@ def test_an_event(case: Case) -> None:
     declaration = declare(events={LVC: case.claim}, known=[known("LVC-009", "lvc.frozen")])
     found = cell("LivelinessChanged", declaration, case.results, case.observations)
     assert (found.id, found.text, found.notes, found.reason) == case[:4]
+
+
+@pytest.mark.parametrize(
+    ("claim", "results", "observations", "expected"),
+    [
+        (CLAIMED, [canonical(LVC)], [], True),
+        (CLAIMED, [canonical(LVC, "fail")], [], False),
+        (CLAIMED, [canonical(LVC, "unclear")], [], False),
+        (CLAIMED, [], ACCEPTED, False),
+        (REFUSED, [refusal(LVC)], DENIED, False),
+        (REFUSED, [refusal(LVC, "fail", fired={0: 1})], ACCEPTED, True),
+        (REFUSED, [refusal(LVC, "fail", fired={0: 1})], DENIED, False),
+        (REFUSED, [refusal(LVC, "fail")], ACCEPTED, False),
+    ],
+)
+def test_an_event_counts_as_supported_when_it_was_received(
+    claim: dict[str, Any], results: list[ScenarioResult], observations: list[Observation], expected: bool
+) -> None:
+    assert fires(report(declare(events={LVC: claim}), results, observations=observations), LVC) is expected
 
 
 def test_a_limit_of_another_event_does_not_limit_this_one() -> None:

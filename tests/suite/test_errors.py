@@ -178,14 +178,26 @@ def test_names_that_nothing_has(message: Message, good: str, bad: str, expected:
 
 
 EXPECTATIONS = [
-    ("never: LivelinessLost, of: listener", "LivelinessLost is an event of a publisher, 'listener' is a subscription; name a publisher"),
-    ("never: [MessageLost, LivelinessLost], of: [listener]", "LivelinessLost is an event of a publisher, 'listener' is a subscription; name a publisher"),
+    (
+        "never: LivelinessLost, of: listener",
+        "LivelinessLost is an event of a publisher, 'listener' is a subscription; name a publisher",
+    ),
+    (
+        "never: [MessageLost, LivelinessLost], of: [listener]",
+        "LivelinessLost is an event of a publisher, 'listener' is a subscription; name a publisher",
+    ),
     ("total: MessageLost, of: listener", "total without a number; add is:, at_least: or at_most:"),
-    ("total: MessageLost, of: listener, is: 1, at_least: 1", "is: stands beside a bound; keep is: alone, or the bounds"),
+    (
+        "total: MessageLost, of: listener, is: 1, at_least: 1",
+        "is: stands beside a bound; keep is: alone, or the bounds",
+    ),
     ("total: MessageLost, of: listener, at_least: 2, at_most: 1", "at_least: 2 is more than at_most: 1"),
     ("total: MessageLost, of: listener, is: -1", "is: -1 is less than 0"),
     ("callbacks: call", "callbacks without a number; add at_least: or at_most:"),
-    ("callbacks: silence, at_most: 1", "callbacks: 'silence' is a step with drive:; name one with do: drive or do: spin"),
+    (
+        "callbacks: silence, at_most: 1",
+        "callbacks: 'silence' is a step with drive:; name one with do: drive or do: spin",
+    ),
     ("level: alive_count, of: listener, is: 1", "level needs either by:, or from: and until:"),
     ("level: alive_count, of: listener, is: 1, from: start", "level needs either by:, or from: and until:"),
     ("level: alive_count, of: listener, is: 1, by: end, until: end", "level needs either by:, or from: and until:"),
@@ -203,25 +215,53 @@ EXPECTATIONS = [
     ("received: data, of: talker", "of: 'talker' is a publisher; name a subscription"),
     ("conserved: talker, from: [talker]", "conserved: 'talker' is a publisher; name a subscription"),
     ("conserved: listener, from: [listener]", "from: 'listener' is a subscription; name a publisher"),
-    ("inside: data, event: MessageLost, of: listener", "inside: 'data' is a step with do: publish; name one with do: drive or do: spin"),
-    ("inside: call, event: MessageLost, of: listener, status: {alive_count: 1}", "unknown field of MessageLost 'alive_count'; did you mean 'total_count'?"),
-    ("inside: call, event: LivelinessChanged, of: listener, status: {alive: 1}", "unknown field of LivelinessChanged 'alive'; did you mean 'alive_count'?"),
+    (
+        "inside: data, event: MessageLost, of: listener",
+        "inside: 'data' is a step with do: publish; name one with do: drive or do: spin",
+    ),
+    (
+        "inside: call, event: MessageLost, of: listener, status: {alive_count: 1}",
+        "unknown field of MessageLost 'alive_count'; did you mean 'total_count'?",
+    ),
+    (
+        "inside: call, event: LivelinessChanged, of: listener, status: {alive: 1}",
+        "unknown field of LivelinessChanged 'alive'; did you mean 'alive_count'?",
+    ),
     ("any_of: []", "any_of without a group; add one or more, each a list"),
     ("any_of: [[]]", "any_of: an empty group; fill it or remove it"),
     ("any_of: [[{never: MessageLost, of: lisener}]]", "unknown entity 'lisener'; did you mean 'listener'?"),
-    ("periodic: MessageLost, of: listener, every: 0, since: data", "every: the period is 0; events repeat after a positive time"),
+    (
+        "periodic: MessageLost, of: listener, every: 0, since: data",
+        "every: the period is 0; events repeat after a positive time",
+    ),
     ("periodic: MessageLost, of: listener, every: 1T - 1s, since: data", "every: the duration '1T - 1s' is negative"),
     ("never: ANY, of: ALL, from: dta", "unknown label 'dta'; did you mean 'data'?"),
     ("never: ANY, of: ALL, from: data-2T", "unknown label 'data-2T'; to subtract, write spaces: data - 2T"),
     ("never: ANY, of: ALL, from: 'data[3]'", "from: there is no moment 'data[3]': 'data' happens 3 times"),
     ("never: ANY, of: ALL, from: 'silence[1]'", "from: there is no moment 'silence[1]': 'silence' happens once"),
-    ("never: ANY, of: ALL, from: data.created", "from: there is no moment 'data.created': 'data' is a step and not an entity"),
-    ("never: ANY, of: ALL, from: data.settled", "from: there is no moment 'data.settled': 'data' is a step with do: publish and not with do: settle"),
+    (
+        "never: ANY, of: ALL, from: data.created",
+        "from: there is no moment 'data.created': 'data' is a step and not an entity",
+    ),
+    (
+        "never: ANY, of: ALL, from: data.settled",
+        "from: there is no moment 'data.settled': 'data' is a step with do: publish and not with do: settle",
+    ),
     ("never: ANY, of: ALL, from: start.begin", "from: there is no moment 'start.begin': 'start' is one moment"),
-    ("never: ANY, of: ALL, from: listener", "from: there is no moment 'listener': 'listener' is an entity; write listener.created, listener.settled or listener.EVENT[0]"),
-    ("never: ANY, of: ALL, from: 'listener.LivelinessChange[0]'", "unknown event 'LivelinessChange'; did you mean 'LivelinessChanged'?"),
-    ("never: ANY, of: ALL, from: 'talker.LivelinessChanged[0]'", "LivelinessChanged is an event of a subscription, 'talker' is a publisher; name a subscription"),
-]  # fmt: skip
+    (
+        "never: ANY, of: ALL, from: listener",
+        "from: there is no moment 'listener': 'listener' is an entity; write listener.created, "
+        "listener.settled or listener.EVENT[0]",
+    ),
+    (
+        "never: ANY, of: ALL, from: 'listener.LivelinessChange[0]'",
+        "unknown event 'LivelinessChange'; did you mean 'LivelinessChanged'?",
+    ),
+    (
+        "never: ANY, of: ALL, from: 'talker.LivelinessChanged[0]'",
+        "LivelinessChanged is an event of a subscription, 'talker' is a publisher; name a subscription",
+    ),
+]
 
 
 @pytest.mark.parametrize(("bad", "expected"), EXPECTATIONS)
@@ -266,10 +306,14 @@ DURATIONS = [
     ("times: 3", "times: 0", "11: times: 0 is less than 1"),
     ("times: 3", "times: 3, every: -1ms", "11: every: the duration '-1ms' is negative"),
     ("{publisher: sensor}", "{publisher: sensor, qos: {lease: -1T}}", "7: lease: the duration '-1T' is negative"),
-    ("{publisher: sensor}", "{publisher: sensor, registration_deadline: -1T}", "7: registration_deadline: the duration '-1T' is negative"),
+    (
+        "{publisher: sensor}",
+        "{publisher: sensor, registration_deadline: -1T}",
+        "7: registration_deadline: the duration '-1T' is negative",
+    ),
     (TITLE, f"{TITLE}    scale: {{T: 1T}}\n", "6: T: 1T depends on T; give a plain duration such as 130ms"),
     (TITLE, f"{TITLE}    scale: {{T: 0}}\n", "6: T: 0 is not a positive duration"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("good", "bad", "expected"), DURATIONS)
@@ -285,71 +329,3 @@ def test_durations_that_may_pass(scenarios: Callable[[str], tuple[object, ...]],
 
 def test_a_wall_clock_may_step_back(scenarios: Callable[[str], tuple[object, ...]]) -> None:
     assert scenarios(GOOD.replace("{drive: 2T,", "{fault: clock_step, of: sub, by: -3600s,"))
-
-
-CIRCLES = [
-    ("[{drive: 1T, at: a, as: a}]", "5: at: the step waits for itself: a -> a; begin it at an earlier moment"),
-    ("[{drive: 1T, at: a.begin + 1T, as: a}]", "5: at: the step waits for itself: a -> a; begin it at an earlier moment"),
-    ("[{drive: 1T, at: b, as: a}, {drive: 1T, as: b}]", "5: at: the step waits for itself: a -> b -> a; begin it at an earlier moment"),
-    ("[{drive: 1T, at: c, as: a}, settle, {drive: 1T, as: c}]", "5: at: the step waits for itself: a -> c -> the step in line 5 -> a; begin it at an earlier moment"),
-    ("[{drive: 1T, at: end, as: a}]", "5: at: the step waits for itself: a -> end -> a; begin it at an earlier moment"),
-    (
-        "[{parallel: [[{drive: 1T, at: b, as: a}], [{drive: 1T, at: a, as: b}]]}]",
-        "5: at: the step waits for itself: a -> b -> a; begin it at an earlier moment",
-    ),
-    (
-        "[{as: p, parallel: [[{drive: 1T, at: p.end, as: a}]]}]",
-        "5: at: the step waits for itself: a -> p -> a; begin it at an earlier moment",
-    ),
-    (
-        "[{parallel: [[{drive: 1T, at: z, as: a}], [settle]]}, {drive: 1T, as: z}]",
-        "5: at: the step waits for itself: a -> z -> the step in line 5 -> a; begin it at an earlier moment",
-    ),
-    (
-        "[{drive: 1T, at: late.created, as: a}, {do: create, entity: late, as: make}]",
-        "5: at: the step waits for itself: a -> make -> a; begin it at an earlier moment",
-    ),
-    ("[{drive: 1T, at: b}, {drive: 1T, as: b}]", "5: at: the step waits for itself: the step in line 5 -> b -> the step in line 5; begin it at an earlier moment"),
-]  # fmt: skip
-
-ANCHORED = """\
-  - id: rdm.anchored
-    script: {script}
-    title: Anchors
-    entities: {{late: {{subscription: sensor, deferred: true}}, listener: {{subscription: sensor}}}}
-    expect: [{{never: ANY, of: ALL, proves: RDM-001}}]
-"""
-
-
-@pytest.mark.parametrize(("script", "expected"), CIRCLES)
-def test_steps_that_wait_for_each_other(message: Message, script: str, expected: str) -> None:
-    assert message(ANCHORED.format(script=script)) == f"suites/sample.yaml:{expected}"
-
-
-@pytest.mark.parametrize(
-    "script",
-    [
-        "[{drive: 1T, as: a}, {drive: 1T, at: a + 1T}]",
-        "[{as: p, parallel: [[{drive: 1T, at: p.begin + 1T}]]}, {drive: 1T, at: p}]",
-        "[{parallel: [[{drive: 1T, as: a}, {drive: 1T, at: b}], [{drive: 1T, at: a, as: b}]]}]",
-        "[{parallel: [[{do: has_data, of: listener, times: 5, as: a}], [{drive: 1T, at: 'a[2]'}]]}]",
-        "[{drive: 1T, at: start + 2T}, {do: create, entity: late, as: make}, {drive: 1T, at: late.created}]",
-        "[{drive: 1T, at: 'listener.LivelinessChanged[0]'}]",
-    ],
-)
-def test_steps_that_wait_for_earlier_ones(scenarios: Callable[[str], tuple[object, ...]], script: str) -> None:
-    assert scenarios(ANCHORED.format(script=script))
-
-
-@pytest.mark.parametrize(
-    ("script", "expected"),
-    [
-        ("[{parallel: []}]", "parallel without a branch; add one or more, each a list"),
-        ("[{parallel: [[]]}]", "parallel: an empty branch; fill it or remove it"),
-        ("[{parallel: [[{drive: 1x}]]}]", "drive: unknown unit 'x' in the duration '1x'; known are ns, us, ms, s, min, h, "
-         "T, tolerance, early, discovery_bound, connection_lease, hard_liveliness_timeout, hard_liveliness_grace"),
-        ("[{parallel: [{drive: 1T}]}]", "parallel: expected `array`, got `object`"),
-    ],
-)  # fmt: skip
-def test_branches_that_cannot_be_played(message: Message, script: str, expected: str) -> None:
-    assert message(ANCHORED.format(script=script)) == f"suites/sample.yaml:5: {expected}"

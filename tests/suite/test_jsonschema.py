@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
+import jsonschema  # type: ignore[import-untyped]
 import pytest
 
 from nros_conformance.formats.durations import DURATION_PATTERN, QUANTITIES, UNITS_NS, Duration

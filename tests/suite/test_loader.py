@@ -67,7 +67,7 @@ EVERYTHING = """\
     expect:
       - {never: [MessageLost, LivelinessChanged], of: [listener, late], from: 'data[5].end', proves: RDM-001}
       - {never: LivelinessLost, of: crowd, until: 'crowd[2].LivelinessLost[-1] - 1T', proves: RDM-001}
-      - {periodic: RequestedDeadlineMissed, of: listener, every: 1T, since: data.last, until: gone.begin, proves: RDM-001}
+      - {periodic: RequestedDeadlineMissed, of: listener, every: 1T, since: data.last, until: gone.end, proves: RDM-001}
       - {total: MessageLost, of: listener, at_least: 0, at_most: 3, proves: RDM-002}
       - {level: alive_count, of: [listener], is: 3, by: 'crowd[0].settled + discovery_bound', proves: LVC-001}
       - {level: not_alive_count, of: listener, is: 0, from: start.settled, until: end, proves: LVC-001}
@@ -242,8 +242,11 @@ FILES = [
     ("suite: Sample\ntitle: X\nscenarios: []\n", "1: suite: 'Sample' does not have the form ^[a-z_]+$"),
     ("suite: sample\ntitle: X\n", "1: the key 'scenarios' is missing; add scenarios: ..."),
     ("suite: sample\ntitle: X\nscenarios: []\n", "3: the suite has no scenarios; add one or more"),
-    ("suite: sample\ntitle: X\nscenarios: [one]\n", "3: 'one' is not a scenario; a scenario is a mapping with id:, title:, ..."),
-]  # fmt: skip
+    (
+        "suite: sample\ntitle: X\nscenarios: [one]\n",
+        "3: 'one' is not a scenario; a scenario is a mapping with id:, title:, ...",
+    ),
+]
 
 
 @pytest.mark.parametrize(("text", "expected"), FILES)
@@ -299,9 +302,10 @@ def test_the_shipped_suites_lie_within_the_package_in_a_wheel(tmp_path: Path) ->
     shutil.copy(shipped_suites() / "requirements.yaml", package / "suites")
     (package / "suites" / "a.yaml").write_text(SUITE.format(name="alpha"))
     script = "from nros_conformance.suite.loader import load_suites as l; s = l(); print(s.directory, len(s.scenarios))"
+    path = {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True
-    )  # fmt: skip
+        [sys.executable, "-c", script], cwd=tmp_path, env=path, capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"{package / 'suites'} 3\n"
 
 

@@ -55,14 +55,15 @@ _CONFIGURATION = """\
     </Ports>
   </Discovery>
   <Internal>
-    <WriterLingerDuration>100ms</WriterLingerDuration>
+    <WriterLingerDuration>20ms</WriterLingerDuration>
     <PreEmptiveAckDelay>1ms</PreEmptiveAckDelay>
   </Internal>
 </Domain></CycloneDDS>
 """
 # SPDPInterval: four announcements per lease, where Cyclone's own 80 % leaves a busy host one try.
-# WriterLingerDuration: a destroy blocks for that long when a silent peer has not acknowledged; the
-# default of 1 s for each writer adds up, and 100 ms is an acknowledgement's longest healthy delay.
+# WriterLingerDuration: a destroy waits that long for acknowledgements, which healthy readers send about
+# every 100 ms. The default of 1 s adds up over the writers of a session, and a short manual lease
+# expires meanwhile, so that an orderly destroy looks like a loss first.
 # PreEmptiveAckDelay: how soon a reader asks a new writer for its first heartbeat, see `await_matched`.
 
 

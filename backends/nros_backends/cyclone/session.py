@@ -155,7 +155,7 @@ class CycloneSession(Session):
                 due_ns = min((end.next_due_ns() for end in self._ends), default=until_ns)
             left_ns = min(until_ns, due_ns) - self.clock.now_ns()
             waitset = self._waitset
-            if ran or fresh or waitset is None or self.clock.now_ns() >= until_ns:
+            if ran or fresh or waitset is None or self.closed or self.clock.now_ns() >= until_ns:
                 break
             if left_ns > 0:
                 waitset.wait(min(left_ns, _WAIT_MAX_NS))

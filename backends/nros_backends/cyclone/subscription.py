@@ -52,6 +52,8 @@ class CycloneSubscription(End, Subscription):
         """No waiting sample expires before."""
         self._arrivals: collections.deque[tuple[int, Received]] = collections.deque()
         """What was taken from DDS, and when; `look` works it off."""
+        self._sent_ns: int | None = None
+        """When the sample accepted last was sent."""
         self._more = False
         self._dropped = 0
         """Taken by the application into too small a buffer, not yet counted."""
@@ -117,8 +119,7 @@ class CycloneSubscription(End, Subscription):
             self.fetch()
         if bits & DDSStatus.RequestedDeadlineMissed:
             total = reader.get_requested_deadline_missed_status().total_count  # type: ignore[no-untyped-call]
-            due = now_ns if self.last_ns is None else self.last_ns + self.qos.deadline_ms * MS
-            count_to(self.missed, total, max(before_ns, min(due, now_ns)))
+            count_to(self.missed, total, max(before_ns, min(self._first_due_ns(now_ns), now_ns)))
         fresh = self._accept(before_ns, now_ns)
         if self.deadline is not None:
             self.deadline.update(now_ns)
@@ -151,6 +152,7 @@ class CycloneSubscription(End, Subscription):
             fresh = True
             arrived_ns, sample = self._arrivals.popleft()
             self.last_ns = arrived_ns
+            self._sent_ns = sample.sent_ns
             if self.deadline is not None:
                 self.deadline.restart(arrived_ns)
             # Ready since it was sent, as far as the order of callbacks goes, but not before the last look.
@@ -169,6 +171,16 @@ class CycloneSubscription(End, Subscription):
         self._gaps.losses.add(self._dropped, now_ns)
         self._dropped = 0
         return fresh
+
+    def _first_due_ns(self, now_ns: int) -> int:
+        """When the first of the misses that DDS has counted was due: for the order of callbacks only."""
+        period_ns = self.qos.deadline_ms * MS
+        latest_ns = self._sent_ns
+        for _, sample in tuple(self._arrivals):
+            if latest_ns is not None and sample.sent_ns - latest_ns > period_ns:
+                break
+            latest_ns = sample.sent_ns
+        return now_ns if latest_ns is None else latest_ns + period_ns
 
     def _call_message(self, sample: Received) -> bool:
         """One callback per sample that can still be taken."""

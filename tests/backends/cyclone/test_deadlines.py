@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 REQUESTED = EventKind.REQUESTED_DEADLINE_MISSED
 OFFERED = EventKind.OFFERED_DEADLINE_MISSED
-D = 60
+D = 30
 
 NATIVE = pytest.param({"deadline_ms": D}, id="of the QoS")
 SHIM = pytest.param({}, id="of the registration")
@@ -55,7 +55,7 @@ def test_no_miss_while_samples_come_in_time(stage: Stage, qos: dict[str, int]) -
     stage.drive()
     begin = stage.clock.now_ns()
     latest, longest = begin, 0
-    while stage.clock.now_ns() < begin + 5 * D * MS:
+    while stage.clock.now_ns() < begin + 4 * D * MS:
         assert publisher.publish_raw(b"x") == ReturnCode.OK
         longest, latest = max(longest, stage.clock.now_ns() - latest), stage.clock.now_ns()
         stage.pause(D // 6)
@@ -78,20 +78,20 @@ def test_misses_of_an_absence_are_all_counted_and_come_at_once(stage: Stage, qos
         session.drive_io(0)
         after = stage.clock.now_ns()
         assert len(log.events) == 1
-        # The sample was received some time after it was sent: a fifth of a period is ample here.
-        assert (before - end - D * MS // 5) // (D * MS) <= log.total <= (after - begin) // (D * MS)
+        # The sample was received some time after it was sent: a quarter of a period is ample here.
+        assert (before - end - D * MS // 4) // (D * MS) <= log.total <= (after - begin) // (D * MS)
 
 
 def test_a_sample_received_while_nobody_drives_restarts_the_period_of_a_registration(stage: Stage) -> None:
     publisher, subscription = stage.pair()
-    requested = stage.log(subscription, REQUESTED, 300)
+    requested = stage.log(subscription, REQUESTED, 150)
     publisher.publish_raw(b"x")
-    stage.pause(200)
+    stage.pause(100)
     publisher.publish_raw(b"x")
     second = stage.clock.now_ns()
-    stage.pause(200)
+    stage.pause(100)
     stage.near.drive_io(0)
-    if stage.clock.now_ns() < second + 300 * MS:  # 400 ms after the first
+    if stage.clock.now_ns() < second + 150 * MS:  # 200 ms after the first
         assert requested.total == 0
     stage.near.drive_io(1000)
     assert requested.total == 1
@@ -124,7 +124,7 @@ def test_a_second_registration_changes_the_period_and_counts_on(stage: Stage) ->
     publisher.publish_raw(b"x")
     stage.until(lambda: offered.total >= 2)
     changed = stage.clock.now_ns()
-    offered.watch(publisher, OFFERED, 10 * D)
+    offered.watch(publisher, OFFERED, 5 * D)
     total = offered.total
     stage.until(lambda: offered.total > total)
     assert offered.total <= total + 1 + (offered.events[-1].at - changed) // (D * MS)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import threading
 import time
 import weakref
@@ -42,9 +41,9 @@ def test_drive_io_without_a_timeout_does_not_wait(
 
 def test_an_idle_drive_io_waits_its_timeout_and_burns_nothing(session: CycloneSession, clock: MonotonicClock) -> None:
     begin, cpu = clock.now_ns(), time.thread_time_ns()
-    assert session.drive_io(200) == ReturnCode.OK
-    assert clock.now_ns() - begin >= 160 * MS
-    assert time.thread_time_ns() - cpu < 10 * MS
+    assert session.drive_io(100) == ReturnCode.OK
+    assert clock.now_ns() - begin >= 80 * MS
+    assert time.thread_time_ns() - cpu < 5 * MS
 
 
 def test_waiting_lets_other_threads_run(session: CycloneSession) -> None:
@@ -59,12 +58,12 @@ def test_waiting_lets_other_threads_run(session: CycloneSession) -> None:
     thread = threading.Thread(target=turn)
     thread.start()
     try:
-        session.drive_io(200)
+        session.drive_io(100)
         seen = turns
     finally:
         running = False
         thread.join()
-    assert seen > 20  # none at all with the GIL held
+    assert seen > 10  # none at all with the GIL held
 
 
 def test_a_sample_ends_the_wait(stage: Stage) -> None:
@@ -126,8 +125,13 @@ def test_a_drive_inside_a_callback_does_nothing(stage: Stage) -> None:
 
 def test_two_threads_do_not_drive_one_session_at_once(stage: Stage) -> None:
     stage.driven(stage.near)
-    codes = set()
-    stage.until(lambda: codes.add(stage.near.drive_io(0)) is None and ReturnCode.WOULD_BLOCK in codes)
+    codes: set[int] = set()
+
+    def driven_twice() -> bool:
+        codes.add(stage.near.drive_io(0))
+        return ReturnCode.WOULD_BLOCK in codes
+
+    stage.until(driven_twice)
     assert codes <= {ReturnCode.OK, ReturnCode.WOULD_BLOCK}
 
 
@@ -157,8 +161,12 @@ def test_a_callback_that_raises_leaves_the_session_working(stage: Stage) -> None
     publisher.publish_raw(b"x")
     with pytest.raises(ZeroDivisionError):
         stage.far.drive_io(5_000)
-    log = stage.log(publisher, EventKind.OFFERED_DEADLINE_MISSED)
-    stage.until(lambda: stage.far.drive_io(10) == ReturnCode.OK and log.total >= 2)
+    totals: list[int] = []
+    publisher.register_event(
+        EventKind.OFFERED_DEADLINE_MISSED, 0, lambda _kind, status, _context: totals.append(status[0]), None
+    )
+    stage.until(lambda: stage.far.drive_io(10) == ReturnCode.OK and len(totals) >= 2)
+    assert totals[0] >= 2  # the first was given to the callback that failed
 
 
 @pytest.mark.parametrize("what", ["entity", "session"])
@@ -197,7 +205,6 @@ def test_sessions_do_not_call_each_others_callbacks(stage: Stage) -> None:
 
 def test_sessions_of_another_domain_or_network_do_not_meet(stage: Stage, clock: MonotonicClock) -> None:
     from nros_backends.cyclone import CycloneBackend
-
     from nros_conformance.rmw.backend import Host
 
     host = stage.backend.host
@@ -334,11 +341,8 @@ def test_destroying_releases_callback_and_context(stage: Stage) -> None:
 
 
 def resources() -> tuple[int, int, list[str]]:
-    return len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd")), names()
-
-
-def names() -> list[str]:
-    return sorted(thread.name for thread in threading.enumerate())
+    threads, descriptors = (len(list(Path("/proc/self", what).iterdir())) for what in ("task", "fd"))
+    return threads, descriptors, sorted(thread.name for thread in threading.enumerate())
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads and descriptors through /proc")
