@@ -104,7 +104,7 @@ def _silent(
     if doubtful:
         got = shown(index, doubtful[0]) + ("" if certain else ", perhaps outside")
         return Judged(decide(bool(certain), True), "", got, at=doubtful[0].when.hi)
-    if index.drives(session).surely() < max(since.hi, acts[0].begin):
+    if index.drives(session).surely() < max(since.hi, acts[0].end):
         return Judged("unclear", got=f"session {session} was not driven afterwards")
     return Judged("pass", got="it never ran")
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from nros_conformance.judge.callbacks import not_made
-from nros_conformance.judge.findings import Judged, clock, milliseconds
+from nros_conformance.judge.findings import Judged, clock, code_words, milliseconds
 from nros_conformance.judge.index import CALLS, Index
 from nros_conformance.judge.intervals import Interval, decide
-from nros_conformance.rmw.codes import PUBLISHED_ERRORS, ReturnCode, code_name
+from nros_conformance.rmw.codes import PUBLISHED_ERRORS, ReturnCode
 from nros_conformance.suite import schema
 from nros_conformance.trace.records import Act
 
@@ -47,7 +47,7 @@ def told(act: Act) -> str:
         return "nothing" if act.result is None else repr(act.result)
     if act.op == "take" and act.result >= 0:
         return f"{act.result} sample" + ("" if act.result == 1 else "s")
-    return f"{code_name(act.result)} ({act.result})"
+    return code_words(act.result)
 
 
 def returns(index: Index, expected: schema.Returns) -> Judged:
@@ -114,22 +114,25 @@ def takes(index: Index, expected: schema.Takes) -> Judged:
     if not placed:
         return not_made(index, expected.takes)._replace(wanted=wanted)
     doubt: Judged | None = None
-    longest = 0
+    measured: list[int] = []
     for position, act in placed:
         took = _duration(index, position, act)
-        longest = max(longest, took.hi)
+        measured.append(took.hi)
         where = f"{expected.takes}[{act.index}] {clock(index, act.begin)} took {milliseconds(took.hi)}"
         if most is not None and took.hi > most:
             judged = Judged(decide(took.lo > most, True), wanted, where, took.hi - most, act.end)
         elif least is not None and took.lo < least:
-            judged = Judged(decide(took.hi < least, True), wanted, where, took.hi - least, act.end)
+            judged = Judged(
+                decide(took.hi < least, True), wanted, where, (took.hi if took.hi < least else took.lo) - least, act.end
+            )
         else:
             continue
         if judged.outcome == "fail":
             return judged
         waited = f", of which it may have waited {milliseconds(took.hi - took.lo)} for a processor"
         doubt = doubt or judged._replace(got=where + waited)
-    return doubt or Judged("pass", wanted, f"{milliseconds(longest)} at most", at=placed[0][1].begin)
+    ends = dict.fromkeys((milliseconds(min(measured)), milliseconds(max(measured))))
+    return doubt or Judged("pass", wanted, " to ".join(ends), at=placed[0][1].begin)
 
 
 def _duration(index: Index, position: int, act: Act) -> Interval:

@@ -142,12 +142,13 @@ def _conserved(
     excuse = excused(index, entity, "MessageLost", needs_event=True)
     if excuse is not None:
         return excuse._replace(wanted=wanted)
-    counted, doubtful = _published(index, publishers, since)
-    relevant = counted | doubtful
+    published, uncertain = _published(index, publishers, since)
+    if uncertain:
+        return Judged("unclear", wanted, f"{_sample(min(uncertain))} was perhaps published before {expected.since}")
     taken = [
         (place, (one.publisher, one.sequence), one.t)
         for place, one in index.messages.get(entity, ())
-        if (one.publisher, one.sequence) in relevant
+        if (one.publisher, one.sequence) in published
     ]
     if not taken:
         return Judged("none" if index.whole else "unclear", wanted, "no sample was received")
@@ -155,23 +156,20 @@ def _conserved(
     last: dict[str, int] = {}
     for publisher, sequence in came:
         last[publisher] = max(sequence, last.get(publisher, sequence))
-    missing = counted - came
-    gaps = {one for one in missing if one[1] < last.get(one[0], -1)}
-    more_gaps = {one for one in doubtful - came if one[1] < last.get(one[0], -1)}
+    missing = published - came
+    gaps = sum(sequence < last.get(publisher, -1) for publisher, sequence in missing)
     events = index.events_of(entity, "MessageLost")
     sure = sum(seen.change for seen in events if seen.when.lo > since.hi)
     possible = sum(seen.change for seen in events if seen.when.hi >= since.lo)
     place, _, t = taken[-1]
-    got = f"{len(came)} received + {possible} lost, {len(came) + len(gaps)} published"
+    got = f"{len(came)} received + {possible} lost, {len(came) + gaps} published"
     judged = Judged("pass", wanted, got, at=t)
     if possible > len(missing):
-        certain = sure > len(missing) + len(doubtful - came) and index.whole
-        judged = Judged(decide(certain, True), wanted, got, at=t)
-    elif sure < len(gaps) + len(more_gaps):
+        judged = Judged(decide(sure > len(missing) and index.whole, True), wanted, got, at=t)
+    elif sure < gaps:
         driven = index.drives_of(entity).surely(after=place) >= t + index.late
         got += "" if driven else ", and nobody drove it after the last take"
-        certain = possible < len(gaps) and driven and index.whole
-        judged = Judged(decide(certain, True), wanted, got, at=t, missing=True)
+        judged = Judged(decide(possible < gaps and driven and index.whole, True), wanted, got, at=t, missing=True)
     return unless_blind(index, index.session_of(entity), judged)
 
 
@@ -179,9 +177,9 @@ def _published(
     index: Index, publishers: Sequence[str], since: Interval
 ) -> tuple[set[tuple[str, int]], set[tuple[str, int]]]:
     """Samples published certainly, and perhaps, since then. What answered an error was not published."""
-    counted: set[tuple[str, int]] = set()
-    doubtful: set[tuple[str, int]] = set()
+    surely: set[tuple[str, int]] = set()
+    perhaps: set[tuple[str, int]] = set()
     for _, act in index.all_acts:
         if act.op == "publish" and act.entity in publishers and act.result == 0 and act.end > since.lo:
-            (counted if act.begin >= since.hi else doubtful).add(_named(act))
-    return counted, doubtful
+            (surely if act.begin >= since.hi else perhaps).add(_named(act))
+    return surely, perhaps

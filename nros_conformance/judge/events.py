@@ -132,6 +132,8 @@ class _Periodic:
         owed = (until.hi - index.late - since.lo) // self.period
         if owed <= 0:
             return Judged("none", self.wanted, "no period is over before the end of the window")
+        if (until.lo - index.late - since.hi) // self.period <= 0:
+            return Judged("unclear", self.wanted, "perhaps no period is over before the end of the window")
         if within < owed:
             got = f"session {self.session} was not driven after {self._number(within + 1)} was due"
             return Judged("unclear", self.wanted, got)

@@ -9,6 +9,7 @@ from nros_conformance.judge.index import Index, Seen
 from nros_conformance.judge.intervals import INF, worst
 from nros_conformance.judge.results import Outcome
 from nros_conformance.rmw.clock import MS
+from nros_conformance.rmw.codes import PUBLISHED_CODES, code_name
 from nros_conformance.rmw.events import EventKind, kind_label
 
 
@@ -56,6 +57,11 @@ def miss(ns: int, *, perhaps: bool = False) -> str:
     """By how much something missed its time: ``4.3 ms too late``, ``perhaps 2 ms too early``."""
     word = "late" if ns >= 0 else "early"
     return f"{'perhaps ' if perhaps else ''}{milliseconds(abs(ns))} too {word}"
+
+
+def code_words(code: int) -> str:
+    """A return code for people: ``UNSUPPORTED (-5)``, ``unpublished code -77``."""
+    return f"{code_name(code)} ({code})" if code in PUBLISHED_CODES else code_name(code)
 
 
 def times(number: int) -> str:

@@ -18,17 +18,19 @@ def gap(index: Index, given: schema.GapGiven) -> Judged:
     """Time between consecutive actions, wherever each of them lies in its interval."""
     bounds = [f"at least {given.min}"] if given.min is not None else []
     bounds += [f"at most {given.max}"] if given.max is not None else []
-    wanted = f"{' and '.join(bounds)} between consecutive {given.gap}"
-    acts = index.acts_of(given.gap)
-    if not acts:
-        return not_made(index, given.gap)._replace(outcome="unclear", wanted=wanted)
+    labels = [given.gap] if isinstance(given.gap, str) else given.gap
+    wanted = f"{' and '.join(bounds)} between consecutive {' and '.join(labels)}"
+    for label in labels:
+        if not index.acts_of(label):
+            return not_made(index, label)._replace(outcome="unclear", wanted=wanted)
+    acts = sorted((act for label in labels for act in index.acts_of(label)), key=lambda act: act.begin)
     most = given.max.ns(index.quantities) if given.max is not None else INF
     least = given.min.ns(index.quantities) if given.min is not None else -INF
     widest = 0
     for before, after in pairwise(acts):
         between = Interval(after.begin - before.end, after.end - before.begin)
         widest = max(widest, between.hi)
-        where = f"between {given.gap}[{before.index}] and [{after.index}], {clock(index, after.end)}"
+        where = f"between {before.label}[{before.index}] and {after.label}[{after.index}], {clock(index, after.end)}"
         if between.hi > most:
             got = f"up to {milliseconds(between.hi)} {where}"
             return Judged("unclear", wanted, got, between.hi - most, after.end)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from nros_conformance.judge import presence
-from nros_conformance.judge.findings import Judged, clock, shown
+from nros_conformance.judge.findings import Judged, clock, shown, times
 from nros_conformance.judge.index import CALLS, Index, Seen
 from nros_conformance.judge.standing import answered, number
 from nros_conformance.rmw.codes import PUBLISHED_CODES
@@ -56,7 +56,7 @@ def _law(index: Index, *, liveliness: bool, wanted: str, broken: Callable[[Seen,
                 return Judged("fail", wanted, f"{shown(index, seen)}: {wrong}", at=seen.event.t)
             before = seen
             held += 1
-    return Judged("pass", wanted, f"{held} callbacks") if held else _NO_EVENT._replace(wanted=wanted)
+    return Judged("pass", wanted, times(held)) if held else _NO_EVENT._replace(wanted=wanted)
 
 
 def _monotonic(index: Index) -> Judged:
@@ -87,9 +87,7 @@ def _changing(index: Index) -> Judged:
         changes = [value for name, value in seen.event.status.items() if name.endswith("_change")]
         if changes and not any(changes):
             return Judged("fail", wanted, shown(index, seen), at=seen.event.t)
-    return (
-        Judged("pass", wanted, f"{len(index.events)} callbacks") if index.events else _NO_EVENT._replace(wanted=wanted)
-    )
+    return Judged("pass", wanted, times(len(index.events))) if index.events else _NO_EVENT._replace(wanted=wanted)
 
 
 def _differences(index: Index) -> Judged:
@@ -116,7 +114,7 @@ def _inside_drive(index: Index) -> Judged:
             during = _call_at(index, seen)
             got = shown(index, seen) + (f", inside {during}" if during else ", outside of drive_io")
             return Judged("fail", wanted, got, at=event.t)
-    return Judged("pass", wanted, f"{judged} callbacks") if judged else _NO_EVENT._replace(wanted=wanted)
+    return Judged("pass", wanted, times(judged)) if judged else _NO_EVENT._replace(wanted=wanted)
 
 
 def _call_at(index: Index, seen: Seen) -> str:
@@ -133,9 +131,7 @@ def _on_driver(index: Index) -> Judged:
         if seen.event.thread != seen.event.driver:
             got = f"{shown(index, seen)}, on another thread"
             return Judged("fail", wanted, got, at=seen.event.t)
-    return (
-        Judged("pass", wanted, f"{len(index.events)} callbacks") if index.events else _NO_EVENT._replace(wanted=wanted)
-    )
+    return Judged("pass", wanted, times(len(index.events))) if index.events else _NO_EVENT._replace(wanted=wanted)
 
 
 def _silent_after_destroy(index: Index) -> Judged:
@@ -145,7 +141,7 @@ def _silent_after_destroy(index: Index) -> Judged:
     for place, state in index.states:
         if state.what != "destroyed" or state.code < 0:
             continue
-        name = state.entity or f"session {state.session}"
+        what = state.entity or f"session {state.session}"
         reborn = next(
             (at for at, other in index.states if at > place and other.what == "created"
              and (other.entity, other.session) == (state.entity, state.session)), index.length,
@@ -153,13 +149,13 @@ def _silent_after_destroy(index: Index) -> Judged:
         # Something has to happen afterwards that could have brought one. Clearing up is no test.
         watched = (state.session,) if state.entity else index.sessions()
         if state.end <= index.script_end.hi:
-            evidence += any(index.drives(session).surely() > state.end for session in watched)
+            evidence += any(spin.begin >= state.end for name in watched for spin in index.drives(name).spins[-1:])
         for seen in index.events:
             its_own = seen.event.entity == state.entity if state.entity else seen.event.session == state.session
             if not its_own or not place < seen.position < reborn or seen.when.hi < state.end:
                 continue
             late = seen.event.t - state.end
-            got = f"{shown(index, seen)}, after {name} was destroyed {clock(index, state.end)}"
+            got = f"{shown(index, seen)}, after {what} was destroyed {clock(index, state.end)}"
             # What drive_io calls on the thread that destroyed it before comes later for certain.
             if seen.when.lo > state.end or seen.event.inside_drive:
                 return Judged("fail", wanted, got, late, seen.event.t)
@@ -169,6 +165,7 @@ def _silent_after_destroy(index: Index) -> Judged:
 
 
 class _Registration(NamedTuple):
+    place: int
     kind: int | None
     begin: int
     accepted: bool
@@ -179,20 +176,16 @@ def _registrations(index: Index) -> dict[tuple[str, str], _Registration]:
     """By label and entity; several under one label count from the first, and as accepted if one is."""
     known: dict[tuple[str, str], _Registration] = {}
     entries = [
-        ((one.registration, one.entity), _Registration(one.kind, one.begin, one.code == 0, one.registration))
-        for _, one in index.registered
+        ((one.registration, one.entity), _Registration(place, one.kind, one.begin, one.code == 0, one.registration))
+        for place, one in index.registered
     ]
-    entries += [
-        (
-            (act.label, act.entity),
-            _Registration(number(act.args.get("kind")), act.begin, act.result == 0, act.args.get("context")),
-        )
-        for _, act in index.all_acts
-        if act.op == "register"
-    ]
+    for place, act in index.all_acts:
+        if act.op == "register":
+            kind, context = number(act.args.get("kind")), act.args.get("context")
+            entries.append(((act.label, act.entity), _Registration(place, kind, act.begin, act.result == 0, context)))
     for key, entry in entries:
         before = known.get(key)
-        known[key] = entry._replace(begin=before.begin, accepted=entry.accepted or before.accepted) if before else entry
+        known[key] = before._replace(accepted=entry.accepted or before.accepted) if before else entry
     return known
 
 
@@ -214,16 +207,17 @@ def _as_registered(index: Index) -> Judged:
             wrong = "registering it was refused"
         elif entry.context is not None and event.context not in ("", entry.context):
             wrong = f"context {event.context!r} instead of {entry.context!r}"
-        elif seen.when.hi < entry.begin:
+        elif seen.position < entry.place and seen.when.hi < entry.begin:
             wrong = f"before {event.registration} was registered {clock(index, entry.begin)}"
-        elif seen.when.lo < entry.begin:
+        elif seen.position < entry.place:
+            # While the call was in progress, on the thread that made it.
             got = f"{shown(index, seen)}, perhaps before it was registered"
             doubt = doubt or Judged("unclear", wanted, got, at=event.t)
         if wrong:
             return Judged("fail", wanted, f"{shown(index, seen)}: {wrong}", at=event.t)
     if doubt is not None:
         return doubt
-    return Judged("pass", wanted, f"{judged} callbacks") if judged else _NO_EVENT._replace(wanted=wanted)
+    return Judged("pass", wanted, times(judged)) if judged else _NO_EVENT._replace(wanted=wanted)
 
 
 _ANSWER_ONLY = frozenset({"publish", "assert", "register", "create", "destroy", "ping", *CALLS})

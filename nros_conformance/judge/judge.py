@@ -33,10 +33,10 @@ def judge(trace: Trace) -> Verdict:
         return Verdict(verdict="error", reason=f"the harness failed: {end.detail}")
     try:
         index = Index(trace, typed(trace.header.scenario))
-        conditions = [_condition(index, given) for given in index.scenario.given]
+        conditions = [_excused(_condition(index, one), {}, None, index) for one in index.scenario.given]
         expected = [_finding(name_of(one), one.requirements, judge_part(index, one)) for one in index.scenario.expect]
     except FormatError as error:
-        return Verdict(verdict="error", reason=f"the embedded scenario: {error.what}")
+        return Verdict(verdict="error", reason=f"the embedded {error}")
     except (MissingQuantity, UnknownAnswer) as error:
         return Verdict(verdict="error", reason=str(error))
     implied = [replace(_finding(law.name, (law.proves,), law.judge(index)), implied=True) for law in INVARIANTS]
@@ -62,10 +62,10 @@ def _verdict(
     musts = [one for one in (*expected, *implied) if _level(one, levels) == "must"]
     if failed := _first(musts, "fail"):
         return "fail", _told(failed)
-    if unmet is not None:
-        return "inconclusive", f"{unmet.name}: {unmet.got}; wanted {unmet.wanted}"
     if end is None:
         return "inconclusive", CUT_SHORT
+    if unmet is not None:
+        return "inconclusive", f"{unmet.name}: {unmet.got}" + (f"; wanted {unmet.wanted}" if unmet.wanted else "")
     if unclear := _first(musts, "unclear"):
         return "inconclusive", _told(unclear)
     conclusive = [one for one in expected if one.outcome in ("pass", "fail")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from nros_conformance.judge.findings import Judged, shown
+from nros_conformance.judge.findings import Judged, shown, times
 from nros_conformance.judge.index import Index
 from nros_conformance.judge.intervals import INF, decide
 from nros_conformance.rmw.events import EventKind
@@ -36,7 +36,8 @@ def possible(index: Index) -> Judged:
         topic = _topic(index, event.entity)
         own = [life for life in lives if life.topic == topic]
         most = sum(life.begin <= when.hi and life.end + memory >= when.lo for life in own)
-        least = sum(life.begin <= when.lo and life.end + memory >= when.hi for life in own)
+        # An effect comes after its cause: what overlaps the begin of a creation lies after it.
+        least = sum(life.begin <= when.hi and life.end + memory >= when.hi for life in own)
         if index.header.declares.get("LivelinessChanged.presence_only"):
             most, least = min(most, 1), min(least, 1)
         if low < 0:
@@ -47,7 +48,7 @@ def possible(index: Index) -> Judged:
             if judged.outcome == "fail":
                 return judged
             doubt = doubt or judged
-    return doubt or Judged("pass", _WANTED, f"{len(events)} callbacks")
+    return doubt or Judged("pass", _WANTED, times(len(events)))
 
 
 def _topic(index: Index, entity: str) -> str:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from nros_conformance.judge.findings import Judged
+from nros_conformance.judge.findings import Judged, code_words
 from nros_conformance.judge.index import Index
-from nros_conformance.rmw.codes import code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, kind_label
 
 
@@ -19,7 +18,7 @@ class Standing(NamedTuple):
 
 def answered(call: str, code: int) -> str:
     """``register answered UNSUPPORTED (-5)``."""
-    return f"{call} answered {code_name(code)} ({code})"
+    return f"{call} answered {code_words(code)}"
 
 
 def number(kind: object) -> int | None:

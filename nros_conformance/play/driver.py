@@ -18,9 +18,6 @@ from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import RmwError
 from nros_conformance.trace.records import Act, AnyRecord, Spin
 
-SLICE_MS = 10
-"""How long one background ``drive_io`` may wait, as applications do it."""
-
 _REST_NS = 1 * MS
 """A quiet drive_io that returned at once is followed by this pause, or the loop would burn a core."""
 
@@ -60,6 +57,8 @@ class Driver:
         self.record = record
         self.session: Session | None = None
         self.background = False
+        self.slice_ms = 10
+        """How long one background ``drive_io`` may wait."""
         self.after_drive: list[Callable[[], None]] = []
         """Called on this thread after every drive: takes of ``take: always``."""
         self.inside = False
@@ -150,7 +149,7 @@ class Driver:
 
     def _drive_until(self, due: int) -> None:
         begin, before = self.clock.now_ns(), self.callbacks
-        timeout_ms = min(SLICE_MS, max(0, due - begin) // MS)
+        timeout_ms = min(self.slice_ms, max(0, due - begin) // MS)
         self.calling = ("drive_io", begin)
         try:
             self.drive(timeout_ms)

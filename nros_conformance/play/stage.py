@@ -179,6 +179,7 @@ class Stage:
             self.record(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
             if code and not spec.may_fail:
                 self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
+            driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
             driver.background = code == 0 and spec.driven
 
         self.perform(driver, "create_session", create)

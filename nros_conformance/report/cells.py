@@ -266,7 +266,7 @@ def _violations(
         requirements |= {one for finding in failed for one in finding.proves}
         if result.verdict == "fail" and not any(finding.proves for finding in failed):
             requirements |= set(result.proves)
-    return tuple(key for one in sorted(requirements) for key in keys.violations.get(one, ()))
+    return tuple(key for one, found in keys.violations.items() if one in requirements for key in found)
 
 
 def _names(results: Iterable[ScenarioResult], outcome: _State) -> str:

@@ -102,11 +102,6 @@ def failures(found: Iterable[Evidence]) -> tuple[Evidence, ...]:
     return tuple(one for one in found if one.level == "must" and one.standing == "violated")
 
 
-def played(results: Iterable[ScenarioResult]) -> tuple[ScenarioResult, ...]:
-    """Those with a verdict."""
-    return tuple(result for result in results if result.status == "played")
-
-
 def _findings(verdict: Verdict, proves: tuple[str, ...]) -> Iterator[Finding]:
     yield from verdict.findings
     failed = verdict.failed()
@@ -122,7 +117,7 @@ def _findings(verdict: Verdict, proves: tuple[str, ...]) -> Iterator[Finding]:
 
 def _outcome(finding: Finding, verdict: Verdict) -> Outcome:
     """What counts of it: nothing was shown when the stimulus did not happen or the harness failed."""
-    if finding.outcome in ("none", "fail") or verdict.verdict not in ("inconclusive", "error"):
+    if finding.outcome == "none" or verdict.verdict not in ("inconclusive", "error"):
         return finding.outcome
     conditions = (one for one in verdict.findings if not one.proves and not one.implied)
     unsure = verdict.verdict == "error" or any(one.outcome != "pass" for one in conditions)

@@ -220,11 +220,13 @@ class _Check:
 
     def _labels(self, path: Path_, part: schema.Base) -> None:
         for key, wanted in _LABELS.get(type(part), ()):
-            here, label = (*path, key), dict(fields(part))[key]
-            step = self.names.step(here, label)
-            if not isinstance(step, wanted):
-                words = " or ".join(map(word, wanted)) if len(wanted) <= 2 else "do:"
-                raise self.error(here, f"{key}: {label!r} is a step with {word(type(step))}", f"name one with {words}")
+            here, named = (*path, key), dict(fields(part))[key]
+            for label in named if isinstance(named, list) else [named]:
+                step = self.names.step(here, label)
+                if not isinstance(step, wanted):
+                    words = " or ".join(map(word, wanted)) if len(wanted) <= 2 else "do:"
+                    is_ = f"{key}: {label!r} is a step with {word(type(step))}"
+                    raise self.error(here, is_, f"name one with {words}")
 
     def _returns(self, path: Path_, part: schema.Returns | schema.ReturnsGiven) -> None:
         here, name = (*path, "returns"), part.returns

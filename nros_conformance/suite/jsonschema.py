@@ -183,6 +183,9 @@ class _Builder:
         match info:
             case msgspec.inspect.UnionType(types=types):
                 choices = [self.value(one) for one in types if not isinstance(one, msgspec.inspect.NoneType)]
+                for choice in choices:  # one text, or a list of such texts: only the list's item has the pattern
+                    inner: _Json = next((one["items"].get("anyOf", [{}])[0] for one in choices if "items" in one), {})
+                    choice.update(inner if choice == {"type": "string"} else {})
                 return choices[0] if len(choices) == 1 else {"anyOf": choices}
             case msgspec.inspect.LiteralType(values=values):
                 return {"enum": list(values)}

@@ -78,8 +78,13 @@ def test_json_is_the_reports_and_nothing_else(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    (("--backend", "cyclon"), "no backend 'cyclon'; installed are cyclone, reference, uorb"),
-    (("--backend", "uorb", "--scenario", "rdm.silence"), "no scenario 'rdm.silence'; see: nros-conformance list scenarios"),
+    (("--backend", "cyclon"), "no backend 'cyclon'; did you mean 'cyclone'?"),
+    (("--backend", "mqtt"), "no backend 'mqtt'; installed are cyclone, reference, uorb"),
+    (("--backend", "uorb", "--scenario", "mqtt.lost"), "no scenario 'mqtt.lost'; see: nros-conformance list scenarios"),
+    (
+        ("--backend", "uorb", "--scenario", "rdm.silence"),
+        "no scenario 'rdm.silence'; did you mean 'rdm.silence-after-data'?",
+    ),
     (("--backend", "uorb", "--suite", "registraton"), "no suite 'registraton'; did you mean 'registration'?"),
     (("--backend", "uorb", "--requirement", "RDM-099"), "no requirement 'RDM-099'; did you mean 'RDM-009'?"),
     (("--backend", "nowhere:Backend"), "nowhere:Backend: there is no module 'nowhere'"),
@@ -179,7 +184,7 @@ def test_explain_shows_requirement_script_timeline_and_judgement(
     out = capsys.readouterr().out
     assert out.startswith("pass   reg.raises-message-lost on uorb")
     for part in ("REG-005 (must)", "Script   suites/registration.yaml:", "  publish times 20, by talker   (burst)",
-                 "MessageLost total 16 (+16)", "Judgement", "nros-conformance run --backend uorb --scenario reg."):  # fmt: skip
+                 "MessageLost total 16 (+16)", "Judgement", "run --backend uorb --scenario reg.raises"):  # fmt: skip
         assert part in out
 
 

@@ -130,6 +130,22 @@ EVENT_CASES = {
         "no_evidence", "untested", (), "what decides was not played: needs a wire",
         CLAIMED, [canonical(LVC, status="untested", reason="needs a wire"), *rules(LVC_MUSTS)],
     ),
+    "the canonical stimulus gives no evidence": Case(
+        "no_evidence", "untested", (), "what decides was not played: nothing was matched",
+        CLAIMED, [canonical(LVC, verdict="none", reason="nothing was matched"), *rules(LVC_MUSTS)],
+    ),
+    "one of several canonical stimuli fails": Case(
+        "broken", "broken", ("!1", "!2"), "claimed, but the canonical stimulus fails: reg.b[n=2]",
+        CLAIMED,
+        [
+            result("reg.b[n=1]", "REG-005", canonical=LVC.label),
+            result("reg.b[n=2]", "REG-005", canonical=LVC.label, findings=[
+                finding("CNT-004", implied=True, outcome="fail"), finding("REG-005", outcome="fail"),
+            ]),
+            result("reg.b[n=3]", "REG-005", canonical=LVC.label, status="untested", reason="needs a wire"),
+            *rules(LVC_MUSTS),
+        ],
+    ),
     "there is no canonical stimulus": Case(
         "no_evidence", "untested", (), "what decides was not played: there is no scenario for it",
         CLAIMED, rules(LVC_MUSTS),
@@ -172,6 +188,10 @@ EVENT_CASES = {
         "broken", "broken", ("D2",), 'claim = "no" and registering is refused, but it fires',
         REFUSED, [refusal(LVC), result("reg.unknown-kind", "REG-003", fired={0: 1})], DENIED,
     ),
+    "refused, and it violates a rule": Case(
+        "broken", "broken", ("!1", "D2"), 'claim = "no" and registering is refused, but it fires',
+        REFUSED, [refusal(LVC), result("lvc.x", "LVC-008", outcome="fail"), result("lvc.y", "LVC-001")], DENIED,
+    ),
     "refused with the wrong code": Case(
         "broken", "broken", ("!1", "D2"), "the proof of absence fails: reg.absent-liveliness-changed",
         REFUSED, [refusal(LVC, "fail")], [registered(LVC, -1)],
@@ -197,12 +217,32 @@ def test_an_event(case: Case) -> None:
         (REFUSED, [refusal(LVC, "fail", fired={0: 1})], ACCEPTED, True),
         (REFUSED, [refusal(LVC, "fail", fired={0: 1})], DENIED, False),
         (REFUSED, [refusal(LVC, "fail")], ACCEPTED, False),
+        (
+            REFUSED,
+            [refusal(LVC, "fail"), result("reg.z", findings=[], refusal=LVC.label, fired={0: 1})],
+            ACCEPTED,
+            True,
+        ),
     ],
 )
 def test_an_event_counts_as_supported_when_it_was_received(
     claim: dict[str, Any], results: list[ScenarioResult], observations: list[Observation], expected: bool
 ) -> None:
     assert fires(report(declare(events={LVC: claim}), results, observations=observations), LVC) is expected
+
+
+def test_reasons_are_in_a_fixed_order() -> None:
+    blocked = [result(f"reg.b[n={name}]", canonical=LVC.label, status="untested", reason=name) for name in "hgfedcba"]
+    assert cell("LivelinessChanged", declare(), [*blocked, *rules(LVC_MUSTS)]).reason == (
+        "what decides was not played: a; b; c; d; e; f; g; h"
+    )
+    gaps = [result(f"a.{index}", must, status="untested", reason=must) for index, must in enumerate(LVC_MUSTS)]
+    reasons = "; ".join(sorted(LVC_MUSTS))
+    assert cell("LivelinessChanged", declare(), [canonical(LVC), *gaps]).reason == (
+        f"it fires on its canonical stimulus, but no rule was exercised: {reasons}"
+    )
+    gaps = [result(f"a.{index}", must, status="untested", reason=must) for index, must in enumerate(reversed(BASE))]
+    assert cell("base", declare(), gaps).reason == f"nothing was exercised: {'; '.join(sorted(BASE))}"
 
 
 def test_a_limit_of_another_event_does_not_limit_this_one() -> None:
@@ -241,6 +281,7 @@ def test_base_rules(results: list[ScenarioResult], expected: tuple[str, str, tup
     found = cell("base", declaration, results)
     assert (found.id, found.text, found.notes) == expected
     assert found.strong == (found.id == "deviates")
+    assert found.surprising == ("FAIL" in found.text)
 
 
 def test_base_rules_count_only_what_applies() -> None:
@@ -314,6 +355,9 @@ ABSENT = {"status": "not-applicable", "reason": "MessageLost is not claimed"}
         (CLAIMED, [pattern(status="untested", reason="no wire")],
          ("no_evidence", "untested", (), "the pattern was not played: no wire")),
         (CLAIMED, [pattern(status="not-applicable", reason="no agent")], ("not_applicable", "n/a", (), "no agent")),
+        (CLAIMED, [result("pat.slow[n=1]", suite="patterns", status="not-applicable", reason="no agent"),
+                   result("pat.slow[n=2]", suite="patterns", status="untested", reason="no wire")],
+         ("no_evidence", "untested", (), "the pattern was not played: no agent; no wire")),
     ],
 )  # fmt: skip
 def test_a_pattern(claim: dict[str, Any], results: list[ScenarioResult], expected: tuple[object, ...]) -> None:

@@ -73,6 +73,18 @@ def test_a_refused_period_is_no_refused_event() -> None:
     assert texts(CLAIMED, [canonical(LVC)], [registered(LVC), registered(LVC, -6)]) == []
 
 
+def test_only_the_stimuli_that_fail_are_named_and_all_that_fired() -> None:
+    def stimulus(number: int, **fields: Any) -> ScenarioResult:
+        return result(f"reg.b[n={number}]", "REG-005", canonical=LVC.label, **fields)
+
+    mixed = [stimulus(1), stimulus(2, outcome="fail"), stimulus(3, status="untested", reason="needs a wire")]
+    assert texts(CLAIMED, mixed, [registered(LVC)]) == [f"{YES}, but the canonical stimulus fails: reg.b[n=2]"]
+    firing = [result(f"a.{name}", fired={0: 1}) for name in "hgfedcba"]
+    assert texts(REFUSED, [refusal(LVC), *firing], [registered(LVC, -5)]) == [
+        f"{NO} and registering was refused, but it fires: a.a, a.b, a.c, a.d, a.e, a.f, a.g, a.h"
+    ]
+
+
 def test_no_conclusive_stimulus_no_difference() -> None:
     assert texts(CLAIMED, [canonical(LVC, "unclear")], [registered(LVC)]) == []
     assert texts(REFUSED, [refusal(LVC, "unclear")], [registered(LVC, -5)]) == []
@@ -85,6 +97,11 @@ def test_the_connection_is_held_to_its_words() -> None:
     assert texts(CLAIMED, holding, [], connection={"peer": "agent", "ping": "round_trip"}) == [
         '[connection] reconnect = "no", but every rule of reconnection holds; claim it'
     ]
+    agent = {"peer": "agent", "ping": "round_trip"}
+    assert texts(CLAIMED, holding, [], connection={**agent, "reconnect": "yes"}) == []
+    assert texts(CLAIMED, holding, [], connection={"peer": "none"}) == []
+    assert texts(CLAIMED, holding[1:], [], connection=agent) == []
+    assert texts(CLAIMED, [], [], connection=agent) == []
 
 
 def known_texts(entry: Known, *results: ScenarioResult, partial: bool = False, **fields: Any) -> list[str]:
@@ -110,6 +127,17 @@ ENTRY = known("LVC-009", "lvc.frozen")
         (
             [result("lvc.frozen", "LVC-009", status="not-applicable", reason="virtual clock")],
             ["[[known]] D1 (LVC-009, lvc.frozen) names a scenario that does not apply to demo; remove the entry"],
+        ),
+        (
+            [
+                result("lvc.frozen[how=stop]", "LVC-009", status="not-applicable", reason="virtual clock"),
+                result("lvc.frozen[how=kill]", "LVC-009", status="untested", reason="no child processes"),
+            ],
+            [],
+        ),
+        (
+            [result("lvc.frozen[how=stop]", "LVC-004"), result("lvc.frozen[how=kill]", "LVC-009", outcome="none")],
+            [],
         ),
         (
             [result("lvc.frozen", "LVC-004", outcome="fail")],

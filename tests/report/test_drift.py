@@ -96,6 +96,21 @@ def test_a_deviation_that_is_gone_is_seen_although_something_else_was_not_exerci
     ]
 
 
+def test_more_rules_that_apply_are_seen_although_something_was_not_exercised() -> None:
+    claimed = uorb().declaration.events | {"RequestedDeadlineMissed": uorb().declaration.events["MessageLost"]}
+    found = differences(cyclone(), declared(uorb(), events=claimed))
+    assert found[-1:] != []
+    assert 'uORB, Base rules: published "**28/29 FAIL** `!1`", observed "**28/30° FAIL** `!1`"' in found
+
+
+def test_another_violation_beside_one_that_was_not_exercised_is_seen() -> None:
+    blocked = result(FROZEN, "LVC-009", status="untested", reason="no child processes")
+    failing = result("all.lvc-001", "LVC-001", outcome="fail")
+    assert differences(instead(cyclone(), blocked, failing))[:1] == [
+        'Cyclone DDS, Liveliness changed: published "**partly 8/9** `C1`", observed "**partly 7/9°** `!1`"'
+    ]
+
+
 def test_an_event_that_breaks_is_seen() -> None:
     found = differences(instead(cyclone(), canonical(LVC, "fail")), uorb())
     assert found[0] == (
@@ -136,6 +151,12 @@ def test_return_codes_count_where_they_were_observed() -> None:
     observations = [one for one in cyclone().observations if one.case not in ("wrong side", "no callback")]
     fewer = msgspec.structs.replace(cyclone(), observations=tuple(observations))
     assert differences(fewer, uorb()) == []
+    half = [one for one in observations if one.kind != 2]
+    assert differences(msgspec.structs.replace(cyclone(), observations=tuple(half)), uorb()) == []
+    half.append(registered(2, -5))
+    assert differences(msgspec.structs.replace(cyclone(), observations=tuple(half)), uorb()) == [
+        'Cyclone DDS, return codes, Subscription: published "0, 0, 0", observed "0, 0, -5"'
+    ]
     other = msgspec.structs.replace(fewer, observations=(*observations, registered(1, -1, "no callback")))
     assert differences(other, uorb()) == ['Cyclone DDS, return codes, No callback: published "-4", observed "-1"']
 

@@ -48,6 +48,9 @@ def test_every_requirement_has_evidence_in_the_order_of_the_catalogue() -> None:
         ([result("a.a", "LVC-001", outcome="none")], "unexercised"),
         ([result("a.a", "LVC-001", verdict="none")], "unexercised"),
         ([result("a.a", "LVC-001", verdict="error")], "unclear"),
+        ([result("a.a", "LVC-001", verdict="error", outcome="fail")], "unclear"),
+        ([result("a.a", "LVC-001", verdict="inconclusive", findings=[])], "unclear"),
+        ([result("a.a", "LVC-001", findings=[])], "unexercised"),
         ([result("a.a", "LVC-001", status="untested", reason="needs a wire")], "unexercised"),
         ([], "unexercised"),
         ([result("a.a", findings=[finding("LVC-001", implied=True)])], "holds"),
@@ -116,6 +119,13 @@ def test_one_uncovered_failure_is_enough_for_a_violation() -> None:
     assert (one.standing, one.known, one.scenarios("fail")) == ("violated", ("D1",), ("lvc.a", "lvc.b"))
 
 
+def test_the_keys_of_all_entries_that_show_are_named_in_order() -> None:
+    declaration = declare(known=[known("LVC-009", f"lvc.{key}", f"D{key}") for key in "87654321"])
+    failing = [result(f"lvc.{key}", "LVC-009", outcome="fail") for key in "87654321"]
+    one = about("LVC-009", *failing, declaration=declaration)
+    assert one.known == ("D1", "D2", "D3", "D4", "D5", "D6", "D7", "D8")
+
+
 def test_a_version_range_that_cannot_be_read_is_refused() -> None:
     declaration = declare(known=[known("LVC-009", "lvc.a", versions="~11")])
     with pytest.raises(ReportError) as error:
@@ -140,6 +150,11 @@ def test_a_version_range_that_cannot_be_read_is_refused() -> None:
         ),
         ([result("a.b", "LVC-001", status="not-applicable", reason="no agent")], "no agent"),
         ([result("a.a", "LVC-001", verdict="none")], "`a.a` gives no evidence"),
+        ([result("a.a", "LVC-001", status="untested")], "its scenarios were not played"),
+        (
+            [result(f"a.{name}", "LVC-001", status="untested", reason=name) for name in "hgfedcba"],
+            "a; b; c; d; e; f; g; h",
+        ),
     ],
 )
 def test_what_was_not_exercised_says_why(results: list[ScenarioResult], reason: str) -> None:
@@ -179,6 +194,30 @@ def test_a_declaration_excuses_from_what_it_may_and_no_more(fields: dict[str, An
     declaration = declare(**fields)
     excused = {requirement for requirement in REQUIREMENTS if not_applicable(requirement, declaration)}
     assert excused == set(gone.split()) | (set() if "connection" in fields else connection)
+
+
+@pytest.mark.parametrize(
+    ("requirement", "fields", "reason"),
+    [
+        ("LVC-001", {"events": {LVC: REFUSED}}, "LivelinessChanged is not claimed"),
+        ("CNT-001", {"events": dict.fromkeys((RDM, MSL, LVL, ODM), REFUSED)}, "none of its events is claimed"),
+        ("REG-001", {"behaviour": {"derived_support": True}}, "supports_event is derived from return codes"),
+        ("DSP-008", {"behaviour": {"callback_cap": False}}, "callback_cap = false"),
+        ("DSP-011", {"behaviour": {"two_sessions": "second_fails"}}, 'two_sessions = "second_fails"'),
+        ("LVL-003", {"events": {LVL: {"claim": "yes", "how": "x", "manual": False}}}, "manual = false"),
+        (
+            "MSL-007",
+            {"events": {MSL: {"claim": "yes", "how": "x", "sources": ["wire"]}}},
+            "overflow is not a declared source",
+        ),
+        ("CON-002", {}, 'ping = "no"'),
+        ("CON-004", {}, 'peer = "none"'),
+        ("CON-008", {}, 'hard_liveliness.claim = "no"'),
+        ("CON-001", {}, ""),
+    ],
+)
+def test_the_reason_names_the_field(requirement: str, fields: dict[str, Any], reason: str) -> None:
+    assert not_applicable(requirement, declare(**fields)) == reason
 
 
 def test_a_backend_without_events_still_answers_for_the_rest() -> None:

@@ -14,7 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nros_conformance.report.matrix import render
-from nros_conformance.report.results import Control, Report, ReportError, decode_report, encode_report
+from nros_conformance.report.results import (
+    Case,
+    Control,
+    Observation,
+    Report,
+    ReportError,
+    decode_report,
+    encode_report,
+)
 from nros_conformance.report.web import page
 from tests.report.build import (
     LVC,
@@ -209,6 +217,17 @@ def test_the_numbers_of_all_musts_stand_in_the_gaps() -> None:
     assert "1 are violated (all known, all noted above)" in render([cyclone()], REQUIREMENTS)
 
 
+def test_the_codes_of_ping_stand_apart_for_a_peer_that_answers_and_one_that_does_not() -> None:
+    def ping(code: int, case: Case) -> Observation:
+        return Observation(call="ping", side="session", case=case, code=code)
+
+    other = Observation(call="destroy", side="session", case="silent", code=-3)
+    answered = report(observations=[ping(0, "reachable"), ping(-2, "silent"), ping(-18, "silent"), other])
+    text = section(render([answered], REQUIREMENTS), "Return codes observed")
+    assert line(text, "| **Demo**").endswith("| 0, -2/-18 |")
+    assert text.startswith("0 OK, -2 TIMEOUT, -18 CONNECTION_FAILED. Right side: ")
+
+
 def test_gaps_with_one_reason_are_one_line() -> None:
     declaration = declare(behaviour={"derived_support": True})
     results = everything(declaration, "RDM-006", "LVC-004", "LVC-009", "ROB-001")
@@ -281,6 +300,35 @@ def test_versions_are_not_invented() -> None:
         "| **Peer** | nros-conformance 0.1.0 | 1.10.2 (ROS 2) | no, protocol only |",
         "| **Own** | nros-conformance 0.1.0 | none | \u2013 |",
     ]
+
+
+def test_what_ran_is_listed_in_order() -> None:
+    letters = "hgfedcba"
+    rows = [
+        report(
+            declare(f"b{one}", title=one), tool=f"0.{one}", profile="smoke" if index % 2 else "publish", partial=True,
+            why_partial=one, versions={"python": f"3.{one}", "y": "2", "x": "1"},
+        )
+        for index, one in enumerate(letters)
+    ]  # fmt: skip
+    text = render(rows, REQUIREMENTS)
+    assert line(text, "Suites 1.0") == (
+        "Suites 1.0 (`sha256:3f2a9c71`), profile `publish`, `smoke`, nros-conformance "
+        "0.a, 0.b, 0.c, 0.d, 0.e, 0.f, 0.g, 0.h, Python 3.a, 3.b, 3.c, 3.d, 3.e, 3.f, 3.g, 3.h."
+    )
+    assert line(text, "**Partial: profile publish, b (bb); profile publish, d (bd); ").endswith(
+        "profile publish, f (bf); profile publish, h (bh); profile smoke, a (ba); profile smoke, c (bc); "
+        "profile smoke, e (be); profile smoke, g (bg); not for publication.**"
+    )
+    assert "| **a** | `x` 1, `y` 2 |" in text
+
+
+def test_the_second_table_is_named_for_what_it_holds() -> None:
+    assert "| Connection | Ping |" in golden()
+    pattern = report(results=[result("pat.slow", suite="patterns", title="Slow consumer", findings=[])])
+    assert "| Connection and patterns | Ping | Reconnect | Hard liveliness | Slow consumer |" in render(
+        [pattern], REQUIREMENTS
+    )
 
 
 if __name__ == "__main__":

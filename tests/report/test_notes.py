@@ -56,6 +56,15 @@ def test_each_class_of_absence_has_its_words() -> None:
     }
 
 
+def test_the_connection_has_notes_where_it_is_absent_or_limited() -> None:
+    because = {"peer": "agent", "absent": "not-yet", "because": "one agent only"}
+    limited = {**because, "reconnect": "limited", "hard_liveliness": {"claim": "limited"}, "ping": "round_trip"}
+    assert absences(report(declare(connection=limited))) == [{"reconnect": ("D1",), "hard_liveliness": ("D1",)}]
+    assert notes(report(declare(connection=limited))) == {"D1": "**limit**: one agent only."}
+    assert notes(report(declare(connection={**because, "ping": "no"}))) == {"D1": "**not yet**: one agent only."}
+    assert absences(report(declare(connection={**limited, "reconnect": "yes", "hard_liveliness": {}}))) == [{}]
+
+
 def test_equal_reasons_share_a_key() -> None:
     declaration = declare(events=dict.fromkeys((LVC, LVL), refused("no liveliness")) | {RDM: refused("no rate")})
     assert absences(report(declaration)) == [
@@ -121,6 +130,18 @@ def test_what_nobody_declared_is_numbered_over_all_rows() -> None:
         "!2": "**violates REG-001**, which no `[[known]]` entry covers. Shown by `x.b`.",
         "!3": "**violates LVC-001**, which no `[[known]]` entry covers. Shown by `x.b`.",
     }
+
+
+def test_a_surprise_names_the_scenarios_that_nobody_declared_in_order() -> None:
+    declaration = declare(known=[known("REG-001", "x.known")], connection={"ping": "round_trip"})
+    scenarios = ["x.known", *(f"x.{name}" for name in "hgfedcba")]
+    failing = [
+        *(result(one, "REG-001", outcome="fail") for one in scenarios), result("x.passes", "REG-001"),
+    ]  # fmt: skip
+    assert notes(report(declaration, failing))["!1"] == (
+        "**violates REG-001**, which no `[[known]]` entry covers. "
+        "Shown by `x.a`, `x.b`, `x.c`, `x.d`, `x.e`, `x.f`, `x.g`, `x.h`."
+    )
 
 
 def test_keys_sort_by_number() -> None:

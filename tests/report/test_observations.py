@@ -55,6 +55,10 @@ def cases(*records: AnyRecord) -> list[tuple[str, str, int | None, str, int]]:
             ("register", "subscription", 1, "no deadline", -6),
         ),
         (
+            act("register", "plain", 0, kind=1, deadline_ms=20),
+            ("register", "subscription", 1, "right side", 0),
+        ),
+        (
             act("register", "listener", 0, kind=1, deadline_ms=0),
             ("register", "subscription", 1, "right side", 0),
         ),
@@ -101,7 +105,9 @@ def test_a_ping_is_silent_while_a_fault_silences_the_peer() -> None:
 
 
 def test_what_raised_or_answered_no_code_is_no_observation() -> None:
-    assert cases(act("register", "listener", None, kind=0, raised="KeyError"), act("register", "listener", "odd")) == []
+    raised = act("register", "listener", 0, kind=0, raised="KeyError")
+    odd = act("register", "listener", "odd", kind=0)
+    assert cases(raised, odd, act("register", "listener", 0), act("publish", "talker", 0)) == []
 
 
 def test_equal_observations_add_up_in_any_order() -> None:

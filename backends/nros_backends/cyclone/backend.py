@@ -1,4 +1,34 @@
-"""The Cyclone DDS adapter: the PyPI package ``cyclonedds`` on loopback."""
+"""The Cyclone DDS adapter: the PyPI package ``cyclonedds`` on loopback.
+
+What it decides, where DDS or its Python binding leave something open:
+
+- **No listeners.** The binding calls C holding the GIL while Cyclone's threads wait for the GIL in a
+  listener, which deadlocks (eclipse-cyclonedds/cyclonedds-python#208). Statuses are polled inside
+  `drive_io`, which waits on a wait set that they trigger; everything runs on the driving thread.
+- **Deadlines** of the QoS are DDS' own. One that only the registration states cannot be: the deadline
+  of a live reader cannot be changed, and asking for one that the writer does not offer prevents the
+  match. The shim's clock counts those, on the publisher from each successful write, on the
+  subscription from reception.
+- **Reception** (RDM-005, C31). DDS tells when a sample was sent, by the wall clock (RDM-006 rules that
+  out), not when it came. Taken in `drive_io` it would look as late as the application is, and 3 periods
+  without a drive would count as none. So a subscription with such a deadline has its samples taken by a
+  thread that sleeps in DDS until one comes (`receiver`); its reception is when that thread has taken it,
+  never early, and late by a thread switch. Nothing is ``receives_only_in_drive_io``.
+- **MessageLost** is the shim's: DDS reports no loss on the wire and no replaced sample. Every writer
+  numbers what it has written (`envelope`), a gap between delivered samples is what the wire lost, and
+  the receive queue counts what it pushes out. History from before the subscription is never lost.
+- **Depth of a subscription and lifespan** are the shim's too, so that its books balance (`policies`).
+- **Types** match by structure in DDS, so the type name goes into the structure (`envelope`). A topic in
+  use with another type, here or at a discovered peer, is refused at creation.
+- **Order.** Samples and statuses found in one look are queued in the order in which they became ready:
+  a sample when it was sent, a missed deadline when it was due, a publisher's coming before its samples.
+- **A sample larger than the caller's buffer** is dropped and counted as lost.
+
+What Cyclone does and the adapter does not hide: a publisher whose lease has expired is alive again when
+it publishes, not when it asserts, and an AUTOMATIC one that was frozen for longer than its lease not
+before it publishes; a volatile subscription that matches together with a transient-local one of its
+session gets the history of that, too.
+"""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import uuid
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from cyclonedds.builtin import (
@@ -80,7 +81,7 @@ class End(Entity, abc.ABC):
             code = self.registry.register(kind, deadline_ms, callback, context)
             if code == ReturnCode.OK and EventKind(kind).is_deadline and not self.qos.has_deadline:
                 self._time(deadline_ms * MS)
-        self.session.wake()
+        self.session.note()
         return code
 
     def destroy(self) -> int:
@@ -123,6 +124,14 @@ class End(Entity, abc.ABC):
 def count_to(tracker: CountTracker, total: int, at_ns: int) -> None:
     """Bring a tracker to a total that DDS reports (u32, wrapping)."""
     tracker.add((total - tracker.total) % _U32, at_ns)
+
+
+def handles_of(matched: Callable[[], list[int]]) -> list[int]:
+    """The handles that the binding's call lists; none when one was added between its count and its list."""
+    try:
+        return matched()
+    except IndexError:
+        return []
 
 
 def types_of(participant: DomainParticipant, topic: str) -> set[str]:

@@ -33,6 +33,11 @@ class Native:
 
     def __init__(self) -> None:
         library = ct.CDLL(DDS._dll_handle._name)
+        # For what returns at once: giving the GIL away costs a turn in the queue for it.
+        quick = ct.PyDLL(DDS._dll_handle._name)
+        self._status_changes = quick.dds_get_status_changes
+        self._status_changes.argtypes = [ct.c_int32, ct.c_void_p]
+        self._status_changes.restype = ct.c_int32
         self._write = library.dds_write
         self._write.argtypes = [ct.c_int32, ct.c_void_p]
         self._write.restype = ct.c_int32
@@ -42,6 +47,14 @@ class Native:
         self._deafmute = library.dds_domain_set_deafmute
         self._deafmute.argtypes = [ct.c_int32, ct.c_bool, ct.c_bool, ct.c_int64]
         self._deafmute.restype = ct.c_int32
+
+    def status_changes(self, entity: Any) -> int:
+        """The statuses that have changed since they were read last, bits of `DDSStatus`."""
+        bits = ct.c_uint32()
+        code = self._status_changes(entity._ref, ct.byref(bits))
+        if code != DDSException.DDS_RETCODE_OK:
+            raise DDSException(code, "while getting the status changes")
+        return bits.value
 
     def write(self, writer: Any, cdr: bytes) -> ReturnCode:
         """Write serialized data. The binding's own write holds the GIL while a full history blocks it."""

@@ -11,7 +11,8 @@
 - NONE is AUTOMATIC with an infinite lease: alive for as long as it is known.
 - MANUAL_BY_NODE is DDS' MANUAL_BY_PARTICIPANT: a session is one node and one participant.
 - A finite lease below `MIN_LEASE_MS` is refused: Cyclone announces AUTOMATIC liveliness once in 80 %
-  of the lease, and the rest is all the time that a busy host has.
+  of the lease, and the rest is all the time that a busy host has. At 20 ms one healthy publisher in ten
+  was called lost within 5 s on an idle host (and then for good, see `backend`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.qos import Durability, History, Liveliness, QosProfile, Reliability, is_finite
 
-MIN_LEASE_MS = 20
+MIN_LEASE_MS = 100
 
 NAME_MAX = 200
 """Characters; what all DDS implementations and ROS 2 take."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cyclonedds.core import DDSStatus
 from cyclonedds.pub import DataWriter
 
-from nros_backends.cyclone.ends import End, count_to
+from nros_backends.cyclone.ends import End, count_to, handles_of
 from nros_backends.cyclone.envelope import CAPACITY, encode
 from nros_conformance.rmw.backend import Publisher
 from nros_conformance.rmw.clock import MS, NEVER
@@ -63,7 +63,7 @@ class CyclonePublisher(End, Publisher):
                 self._sent.clear()
             self._sent.append(clock.now_ns())
         if self.deadline is not None:
-            self.session.wake()
+            self.session.note()
         return ReturnCode.OK
 
     def assert_liveliness(self) -> int:
@@ -81,7 +81,7 @@ class CyclonePublisher(End, Publisher):
         writer = self._writer
         if writer is None:
             return False
-        bits = writer.get_status_changes()
+        bits = self.session.native.status_changes(writer)
         if bits & DDSStatus.LivelinessLost:
             status = writer.get_liveliness_lost_status()  # type: ignore[no-untyped-call]
             count_to(self._lost, status.total_count, now_ns)
@@ -108,7 +108,8 @@ class CyclonePublisher(End, Publisher):
         writer = self._writer
         if writer is None:
             return False
-        found = (writer.get_matched_subscription_data(handle) for handle in writer.get_matched_subscriptions())
+        handles = handles_of(writer.get_matched_subscriptions)
+        found = (writer.get_matched_subscription_data(handle) for handle in handles)
         return any(end is not None and end.key == guid for end in found)
 
     def _time(self, period_ns: int) -> None:

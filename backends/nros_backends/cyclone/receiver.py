@@ -62,4 +62,4 @@ class Receiver:
             self._waitset.wait(duration(infinite=True))
             fetched = [subscription.fetch() for subscription in self._conditions]
             if any(fetched):
-                self._session.wake()
+                self._session.note()

@@ -21,7 +21,7 @@ from nros_backends.cyclone.publisher import CyclonePublisher
 from nros_backends.cyclone.receiver import Receiver
 from nros_backends.cyclone.subscription import CycloneSubscription
 from nros_conformance.rmw.backend import Publisher, Session, Subscription
-from nros_conformance.rmw.clock import MS, Clock
+from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.dispatch import ReadyQueue
 from nros_conformance.rmw.qos import QosProfile
@@ -53,6 +53,7 @@ class CycloneSession(Session):
         self._driving = threading.Lock()
         self._driver: int | None = None
         self._waiting = False
+        self._noted = False
         self._closing = threading.Lock()
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
@@ -91,7 +92,7 @@ class CycloneSession(Session):
             if self.closed:
                 return ReturnCode.INVALID_ARGUMENT
             self.closed = True
-        self.wake()
+        self.note()
         outside = self._driver != threading.get_ident()
         if outside:
             self._driving.acquire()  # until the driver has left, and for good
@@ -117,8 +118,9 @@ class CycloneSession(Session):
 
     # For the entities.
 
-    def wake(self) -> None:
-        """Have a waiting `drive_io` look again."""
+    def note(self) -> None:
+        """Have `drive_io` look, now if it waits: there is news that DDS does not know of."""
+        self._noted = True
         guard = self._guard
         if self._waiting and guard is not None:
             guard.set(True)
@@ -146,31 +148,42 @@ class CycloneSession(Session):
     # Inside.
 
     def _drive(self, until_ns: int, max_callbacks: int | None) -> None:
-        while not self.closed:
-            with self.dispatching:
-                # Announced before the look: what comes after the look wakes the wait.
-                self._waiting = True
-                fresh = self._look()
-                ran = self.queue.drain(max_callbacks)
-                due_ns = min((end.next_due_ns() for end in self._ends), default=until_ns)
-            left_ns = min(until_ns, due_ns) - self.clock.now_ns()
-            waitset = self._waitset
-            if ran or fresh or waitset is None or self.closed or self.clock.now_ns() >= until_ns:
-                break
-            if left_ns > 0:
-                waitset.wait(min(left_ns, _WAIT_MAX_NS))
-        self._waiting = False
+        waitset, noted, now_ns = self._waitset, False, self.clock.now_ns()
+        while waitset is not None and not self.closed:
+            due_ns = self._next_due_ns()
+            # Said before the notes are looked at: whoever leaves one later wakes the wait.
+            self._waiting = True
+            noted = self._noted or (max_callbacks != 0 and len(self.queue) > 0)
+            left_ns = 0 if noted else min(until_ns, due_ns) - now_ns
+            # The one call of an idle drive that gives the GIL away, and has to get it back from many.
+            triggered = waitset.wait(min(max(left_ns, 0), _WAIT_MAX_NS))
+            self._waiting = False
+            now_ns = self.clock.now_ns()
+            if triggered or noted or now_ns >= due_ns:
+                with self.dispatching:
+                    fresh = self._look()
+                    if self.queue.drain(max_callbacks) or fresh:
+                        return
+                now_ns = self.clock.now_ns()
+            if now_ns >= until_ns:
+                return
 
     def _look(self) -> bool:
         """Let every entity find what has happened; whether samples came."""
-        assert self._guard is not None
-        self._guard.take()
+        guard = self._guard
+        if self.closed or guard is None:
+            return False
+        guard.set(False)
+        self._noted = False
         before_ns, now_ns = self._looked_ns, self.clock.now_ns()
         fresh = False
         for end in self._ends:
             fresh |= end.look(before_ns, now_ns)
         self._looked_ns = now_ns
         return fresh
+
+    def _next_due_ns(self) -> int:
+        return min((end.next_due_ns() for end in self._ends), default=NEVER)
 
     @contextmanager
     def _creating(
@@ -196,5 +209,5 @@ class CycloneSession(Session):
             assert self._waitset is not None
             self._waitset.attach(endpoint)
             self._ends = (*self._ends, end)
-        self.wake()
+        self.note()
         return end

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cyclonedds.core import DDSStatus
 from cyclonedds.sub import DataReader
 
-from nros_backends.cyclone.ends import End, count_to
+from nros_backends.cyclone.ends import End, count_to, handles_of
 from nros_backends.cyclone.envelope import Received
 from nros_conformance.rmw.backend import MessageCallback, Subscription
 from nros_conformance.rmw.clock import MS, NEVER
@@ -81,13 +81,15 @@ class CycloneSubscription(End, Subscription):
             if len(payload) <= max_size:
                 return payload
             self._dropped += 1
-        self.session.wake()
+        self.session.note()
         return ReturnCode.BUFFER_TOO_SMALL
 
     def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
         if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        self._message = None if callback is None else (callback, context)
+        with self.session.dispatching:
+            self._message = None if callback is None else (callback, context)
+            self._announce(self.session.clock.now_ns())
         return ReturnCode.OK
 
     def fetch(self) -> bool:
@@ -101,6 +103,8 @@ class CycloneSubscription(End, Subscription):
             taken = self.reader.take(_BATCH)
             now = self.session.clock.now_ns()
             self._more = len(taken) == _BATCH
+            if self._more:
+                self.session.note()  # DDS says so only once
             valid = [(now, sample) for sample in taken if isinstance(sample, Received) and sample.payload is not None]
             self._arrivals.extend(valid)
             return bool(valid)
@@ -109,7 +113,7 @@ class CycloneSubscription(End, Subscription):
         reader = self.reader
         if reader is None:
             return False
-        bits = reader.get_status_changes()
+        bits = self.session.native.status_changes(reader)
         if bits & DDSStatus.LivelinessChanged:
             status = reader.get_liveliness_changed_status()  # type: ignore[no-untyped-call]
             # A publisher comes before its messages do, and goes after them.
@@ -130,7 +134,8 @@ class CycloneSubscription(End, Subscription):
         reader = self.reader
         if reader is None:
             return False
-        found = (reader.get_matched_publication_data(handle) for handle in reader.get_matched_publications())
+        handles = handles_of(reader.get_matched_publications)
+        found = (reader.get_matched_publication_data(handle) for handle in handles)
         return any(end is not None and end.key == guid for end in found)
 
     def release(self) -> None:
@@ -166,8 +171,7 @@ class CycloneSubscription(End, Subscription):
                 while self._depth is not None and len(self._waiting) > self._depth:
                     # History of before this subscription may not fit, but is not lost either (MSL-004).
                     self._gaps.losses.add(int(self._pop().sent_ns >= self.created_ns), ready_ns)
-            if self._message is not None:
-                self.session.queue.push(ready_ns, lambda sample=sample: self._call_message(sample))  # type: ignore[misc]
+            self._announce(ready_ns)
         self._gaps.losses.add(self._dropped, now_ns)
         self._dropped = 0
         return fresh
@@ -181,6 +185,15 @@ class CycloneSubscription(End, Subscription):
                 break
             latest_ns = sample.sent_ns
         return now_ns if latest_ns is None else latest_ns + period_ns
+
+    def _announce(self, ready_ns: int) -> None:
+        """Queue a message callback for each waiting sample that has none yet."""
+        if self._message is None:
+            return
+        for sample in tuple(self._waiting):
+            if not sample.announced:
+                sample.announced = True
+                self.session.queue.push(ready_ns, lambda sample=sample: self._call_message(sample))  # type: ignore[misc]
 
     def _call_message(self, sample: Received) -> bool:
         """One callback per sample that can still be taken."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 CHANGED = EventKind.LIVELINESS_CHANGED
 LOST = EventKind.LIVELINESS_LOST
-LEASE = 50
+LEASE = 100
 
 BY_TOPIC = pytest.param(Liveliness.MANUAL_BY_TOPIC, id="by topic")
 BY_NODE = pytest.param(Liveliness.MANUAL_BY_NODE, id="by node")
@@ -34,10 +34,9 @@ def test_a_publisher_comes_and_leaves_in_order(stage: Stage, liveliness: Livelin
 
 def test_publishers_from_before_the_registration_are_reported_by_the_next_drive(stage: Stage) -> None:
     subscription = stage.subscription()
-    for topic in ("t", "t", "other", "t"):
-        publisher = stage.publisher(topic=topic)
-    stage.match(publisher, subscription)
-    stage.until(lambda: len(subscription.endpoint.get_matched_publications()) == 3)  # type: ignore[union-attr]
+    publishers = [stage.publisher(topic=topic) for topic in ("t", "t", "other", "t")]
+    for publisher in (publishers[0], publishers[1], publishers[3]):
+        stage.match(publisher, subscription)
     stage.near.drive_io(0)
     changed = stage.log(subscription, CHANGED)
     stage.near.drive_io(0)
@@ -58,11 +57,8 @@ def test_each_subscription_has_its_own_count_also_in_the_publishers_session(stag
     stage.until(lambda: [log.counts for log in logs] == [(0, 0)] * 4)
 
 
-@pytest.mark.parametrize("liveliness", [BY_TOPIC, BY_NODE])
-def test_a_silent_manual_publisher_is_lost_once_and_a_sample_brings_it_back(
-    stage: Stage, liveliness: Liveliness
-) -> None:
-    publisher, subscription = stage.pair(liveliness=liveliness, lease_ms=LEASE)
+def test_a_silent_manual_publisher_is_lost_once_and_a_sample_brings_it_back(stage: Stage) -> None:
+    publisher, subscription = stage.pair(liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE)
     changed, lost = stage.log(subscription, CHANGED), stage.log(publisher, LOST)
     stage.drive()
     begin = stage.clock.now_ns()
@@ -70,7 +66,7 @@ def test_a_silent_manual_publisher_is_lost_once_and_a_sample_brings_it_back(
     stage.until(lambda: lost.total == 1 and changed.counts == (0, 1))
     assert lost.events[0].at >= begin + LEASE * MS
     assert changed.events[-1].at >= begin + LEASE * MS
-    stage.pause(3 * LEASE)
+    stage.pause(2 * LEASE)
     assert lost.total == 1
     publisher.publish_raw(b"x")
     stage.until(lambda: lost.total == 2)
@@ -78,28 +74,29 @@ def test_a_silent_manual_publisher_is_lost_once_and_a_sample_brings_it_back(
     assert changed.counts in ((1, 0), (0, 1))
 
 
-@pytest.mark.parametrize("liveliness", [BY_TOPIC, BY_NODE])
-@pytest.mark.parametrize("reliability", list(Reliability))
-def test_assertions_keep_a_silent_publisher_alive(
-    stage: Stage, liveliness: Liveliness, reliability: Reliability
-) -> None:
+def test_assertions_keep_silent_publishers_alive(stage: Stage) -> None:
     latest = stage.clock.now_ns()  # creation is the first assertion
-    publisher, subscription = stage.pair(liveliness=liveliness, lease_ms=LEASE, reliability=reliability)
-    changed, lost = stage.log(subscription, CHANGED), stage.log(publisher, LOST)
+    pairs = [
+        stage.pair(topic=f"t{liveliness}{reliability}", liveliness=liveliness, lease_ms=LEASE, reliability=reliability)
+        for liveliness in (Liveliness.MANUAL_BY_TOPIC, Liveliness.MANUAL_BY_NODE)
+        for reliability in Reliability
+    ]
+    changed = [stage.log(subscription, CHANGED) for _, subscription in pairs]
+    lost = [stage.log(publisher, LOST) for publisher, _ in pairs]
     stage.drive()
     end, longest = stage.clock.now_ns() + 3 * LEASE * MS, stage.clock.now_ns() - latest
-    assert publisher.assert_liveliness() == ReturnCode.OK
     while stage.clock.now_ns() < end:
+        latest = stage.clock.now_ns()
+        assert [publisher.assert_liveliness() for publisher, _ in pairs] == [ReturnCode.OK] * 4
         stage.pause(LEASE // 8)
-        assert publisher.assert_liveliness() == ReturnCode.OK
-        longest, latest = max(longest, stage.clock.now_ns() - latest), stage.clock.now_ns()
+        longest = max(longest, stage.clock.now_ns() - latest)
     if longest < LEASE * MS // 2:  # else this host was too slow to say anything
-        assert not lost.events
-        assert changed.counts == (1, 0)
+        assert [log.events for log in lost] == [[]] * 4
+        assert [log.counts for log in changed] == [(1, 0)] * 4
 
 
 def test_by_node_one_assertion_covers_the_node_and_by_topic_only_the_publisher(stage: Stage) -> None:
-    lease: dict[str, Any] = {"lease_ms": 2 * LEASE}
+    lease: dict[str, Any] = {"lease_ms": LEASE}
     one, other = (stage.publisher(liveliness=Liveliness.MANUAL_BY_NODE, **lease) for _ in range(2))
     elsewhere = stage.publisher(stage.near, liveliness=Liveliness.MANUAL_BY_NODE, **lease)
     by_topic = stage.publisher(liveliness=Liveliness.MANUAL_BY_TOPIC, **lease)
@@ -114,7 +111,7 @@ def test_by_node_one_assertion_covers_the_node_and_by_topic_only_the_publisher(s
         longest = max(longest, stage.clock.now_ns() - before)
         if logs[2].total == 1 and logs[3].total == 1:
             gone.set()
-    if longest < LEASE * MS:
+    if longest < LEASE * MS // 2:
         assert [log.total for log in logs] == [0, 0, 1, 1]
 
 

@@ -55,7 +55,7 @@ def test_type_names_that_are_none_are_refused(session: CycloneSession, name: Any
         ({"lifespan_ms": -1}, ReturnCode.INVALID_ARGUMENT, "lifespan_ms -1 does not fit u32"),
         ({"reliability": 2}, ReturnCode.INVALID_ARGUMENT, "2 is not a valid Reliability"),
         ({"liveliness": 4}, ReturnCode.INVALID_ARGUMENT, "4 is not a valid Liveliness"),
-        ({"lease_ms": 19}, ReturnCode.INCOMPATIBLE_QOS, "lease 19 ms is below 20 ms"),
+        ({"lease_ms": 99}, ReturnCode.INCOMPATIBLE_QOS, "lease 99 ms is below 100 ms"),
     ],
 )
 def test_qos_that_cannot_be_honoured_is_refused_and_creates_nothing(
@@ -73,7 +73,7 @@ def test_qos_that_cannot_be_honoured_is_refused_and_creates_nothing(
     "profile",
     [
         *PROFILES.values(),
-        QosProfile(deadline_ms=1, lifespan_ms=1, lease_ms=20),
+        QosProfile(deadline_ms=1, lifespan_ms=1, lease_ms=100),
         QosProfile(deadline_ms=2**32 - 2, lifespan_ms=2**32 - 2, lease_ms=2**32 - 2, depth=65_535),
         QosProfile(deadline_ms=2**32 - 1, lifespan_ms=2**32 - 1, lease_ms=2**32 - 1),
         QosProfile(liveliness=Liveliness.NONE, lease_ms=1),

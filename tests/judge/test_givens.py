@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from nros_conformance.judge.results import Finding
+from tests.judge.build import RDM, act, counted, publish, spin, spins, step, verdict
+
+EXPECT = {"never": RDM, "of": "listener"}
+REST = step("rest", 0, 400)
+
+
+def condition(given: dict[str, Any], *records: Any) -> Finding:
+    return verdict(EXPECT, *records, spins(0, 20, session="pub"), REST, given=[given]).findings[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "outcome", "got", "nearest"),
+    [
+        ({"gap": "data", "max": "40ms"}, "pass", "36 ms at most", None),
+        ({"gap": "data", "max": "35ms"}, "unclear", "up to 36 ms between data[1] and data[2], at 76.0 ms", 1),
+        ({"gap": "data", "min": "15ms"}, "pass", "36 ms at most", None),
+        (
+            {"gap": "data", "min": "19ms", "max": "1T"},
+            "unclear",
+            "down to 18 ms between data[0] and data[1], at 41.0 ms",
+            -1,
+        ),
+        ({"gap": "nothing", "max": "1T"}, "unclear", "there is no nothing in the trace", None),
+    ],
+)
+def test_gap(given: dict[str, Any], outcome: str, got: str, nearest: int | None) -> None:
+    data = [
+        act("data", begin, end, index=n) for n, (begin, end) in enumerate([(20, 22), (40, 41), (70, 76), (100, 100)])
+    ]
+    found = condition(given, data)
+    assert (found.outcome, found.got) == (outcome, got)
+    assert found.nearest_ns == (None if nearest is None else nearest * 1_000_000)
+
+
+def test_a_single_action_has_no_gap() -> None:
+    assert condition({"gap": "data", "max": "1ns"}, publish("data", 10)).outcome == "pass"
+
+
+def test_returns() -> None:
+    given = {"returns": "data", "is": ["OK"]}
+    found = condition(given, publish("data", 10, 20))
+    assert (found.name, found.wanted, found.outcome) == ("given returns data", "data answers OK", "pass")
+    found = condition(given, publish("data", 10), act("data", 20, index=1, result=-2))
+    assert (found.outcome, found.got) == ("unclear", "data[1] answered TIMEOUT (-2)")
+    assert condition(given).got == "there is no data in the trace"
+
+
+DRIVEN = {"driven": "sub", "max": "0.3T"}
+
+
+@pytest.mark.parametrize(
+    ("calls", "more", "outcome", "got"),
+    [
+        ([spins(0, 390)], {}, "pass", "10 ms at most"),
+        ([spins(0, 100), spins(140, 400)], {}, "unclear", "nobody in drive_io for up to 40 ms at 140.0 ms"),
+        ([spins(0, 100), spins(140, 400)], {"from": "rest.begin + 150ms"}, "pass", "0 ms at most"),
+        ([spins(0, 100), spins(140, 400)], {"until": "rest.begin + 110ms"}, "pass", "10 ms at most"),
+        ([spins(0, 340)], {}, "unclear", "nobody in drive_io for up to 60 ms at 400.0 ms"),
+        ([spin(0, 400, calls=9, gap=31)], {}, "unclear", "nobody in drive_io for up to 31 ms at 400.0 ms"),
+        (
+            [spin(0, 100, wait=25), spins(110, 400)],
+            {},
+            "unclear",
+            "nobody in drive_io for up to 35 ms at 110.0 ms",
+        ),
+        ([spin(0, 400)], {}, "pass", "0 ms at most"),
+        ([], {}, "unclear", "it was never driven"),
+    ],
+)
+def test_driven(calls: list[Any], more: dict[str, str], outcome: str, got: str) -> None:
+    found = condition(DRIVEN | more, calls)
+    assert (found.outcome, found.got) == (outcome, got)
+
+
+def test_driven_in_words() -> None:
+    found = condition(DRIVEN | {"from": "rest", "until": "rest.end"}, spins(0, 400))
+    assert found.name == "given driven sub"
+    assert found.wanted == "session sub driven at least every 0.3T from rest until rest.end"
+
+
+def test_a_condition_that_is_not_met_leaves_the_scenario_inconclusive() -> None:
+    given = [{"gap": "data", "max": "0.9T"}]
+    data = publish("data", 10, 150)
+    result = verdict(EXPECT, data, counted(120, 1), spins(0, 400), REST, given=given)
+    assert (result.verdict, result.reason) == (
+        "inconclusive",
+        "given gap data: up to 140 ms between data[0] and data[1], at 150.0 ms; "
+        "wanted at most 0.9T between consecutive data",
+    )
+    expected = next(one for one in result.findings if one.proves and not one.implied)
+    assert (expected.outcome, expected.got) == (
+        "unclear",
+        "the condition is not met: up to 140 ms between data[0] and data[1], at 150.0 ms",
+    )
+
+
+def test_but_a_violated_invariant_fails_it() -> None:
+    given = [{"gap": "data", "max": "0.9T"}]
+    data = publish("data", 10, 150)
+    result = verdict(EXPECT, data, counted(120, 1, inside=False), spins(0, 400), REST, given=given)
+    assert (result.verdict, result.reason) == (
+        "fail",
+        "DSP-001: RequestedDeadlineMissed on listener: total 1 (+1) at 120.0 ms, outside of drive_io",
+    )
+
+
+def test_a_condition_with_an_unknown_moment_is_not_met() -> None:
+    result = verdict(EXPECT, spins(0, 400), REST, given=[DRIVEN | {"from": "nowhere"}])
+    assert (result.verdict, result.reason) == (
+        "inconclusive",
+        "given driven sub: there is no nowhere in the trace",
+    )
