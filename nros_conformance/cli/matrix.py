@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     print(f"written  {options.output}")
     if options.html is not None:
         options.html.parent.mkdir(parents=True, exist_ok=True)
-        options.html.write_text(page(reports, suites.levels), encoding="utf-8")
+        options.html.write_text(page(reports, suites.levels, statements=_statements(suites)), encoding="utf-8")
         print(f"written  {options.html}")
     if options.readme is not None:
         readme = options.readme.read_text(encoding="utf-8")
@@ -64,6 +64,10 @@ def _with_table(file: Path, readme: str, matrix: str) -> str:
     if table is None or not _BLOCK.search(readme):
         raise ReportError(f"{file}: no place for the table; add: <!-- matrix: table --> and <!-- /matrix -->")
     return _BLOCK.sub(lambda match: f"{match[1]}{table[1]}\n{match[2]}", readme)
+
+
+def _statements(suites: Suites) -> dict[str, str]:
+    return {one.id: one.statement for one in suites.requirements}
 
 
 def _same_suites_as_here(digest: str, suites: Suites, results: Path) -> None:

@@ -6,7 +6,7 @@ import argparse
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
@@ -18,6 +18,7 @@ from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.progress import ProgressLine
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
+from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
 from nros_conformance.report.results import Control, Report, encode_report
 from nros_conformance.rmw.backend import Host
@@ -57,7 +58,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         codes.append(ExitCode.INTERRUPTED)
     if options.json:
         print("[" + ",".join(encode_report(report).decode() for report in reports) + "]")
-    codes += [terminal_code for report in reports for terminal_code in judge_codes(report, options.max_unclear)]
+    for report in reports:
+        codes += judge_codes(report, suites.levels, options.max_unclear)
     if not any(result.attempts for report in reports for result in report.results):
         codes.append(ExitCode.NOTHING)
     say(terminal.closing(reports, suites.levels, options.results, selection))
@@ -66,7 +68,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     return code
 
 
-def judge_codes(report: Report, max_unclear: int) -> list[ExitCode]:
+def judge_codes(report: Report, levels: Mapping[str, str], max_unclear: int) -> list[ExitCode]:
     """The exit codes that one row asks for."""
     codes = []
     if not report.available:
@@ -74,8 +76,9 @@ def judge_codes(report: Report, max_unclear: int) -> list[ExitCode]:
     played = [result for result in report.results if result.attempts]
     if any(result.verdict == "error" for result in played):
         codes.append(ExitCode.INTERNAL)
-    unknown = any(result.verdict == "fail" and not result.known for result in played)
-    if unknown or report.differences or any(not incident.reproduced for incident in report.incidents):
+    unknown = report.available and failures(evidence(report, levels).values())
+    lost = any(result.verdict == "fail" and not result.known for result in played)
+    if unknown or lost or report.differences or any(not incident.reproduced for incident in report.incidents):
         codes.append(ExitCode.FAILED)
     if sum(result.verdict == "inconclusive" for result in played) > max_unclear:
         codes.append(ExitCode.UNCLEAR)
@@ -135,7 +138,12 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
     one_report = {one.row.name: one for one in runs}
     for one in runs:
         one.watch = watch
-    threads = [threading.Thread(target=one.play, name=one.row.name, daemon=True) for one in runs]
+    reports: dict[str, Report] = {}
+
+    def play(one: RowRun) -> None:
+        reports[one.row.name] = one.play()
+
+    threads = [threading.Thread(target=play, args=(one,), name=one.row.name, daemon=True) for one in runs]
     interrupted = False
     try:
         for thread in threads:
@@ -150,7 +158,7 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
         for thread in threads:
             thread.join(5)
     line.clear()
-    return [one.report() for one in runs], interrupted
+    return [reports.get(one.row.name) or one.report() for one in runs], interrupted
 
 
 def _say(text: str) -> None:

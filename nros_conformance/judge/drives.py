@@ -42,7 +42,7 @@ class Drives:
             spin = self.spins[index]
             border = limit if self._positions[index] < position else min(limit, when)
             if spin.calls > 1 and spin.longest and spin.begin + spin.longest < border:
-                best = max(best, spin.begin, min(border, spin.end) - spin.gap - 2 * spin.longest)
+                best = max(best, spin.begin, min(border, spin.end) - spin.gap - spin.longest - spin.wait)
         return best
 
     def maybe(self, position: int = LAST, when: int = INF, limit: int = INF, after: int = -1) -> int:
@@ -55,6 +55,16 @@ class Drives:
             if spin.calls > 1 and spin.begin < border:
                 best = max(best, min(border, spin.end))
         return best
+
+    def read_by(self, t: int) -> int:
+        """By when a call that began at ``t`` or later had ended, INF if there is none."""
+        for spin in self.spins:
+            many = spin.calls > 1 and spin.longest
+            if spin.begin >= t:
+                return min(spin.end, spin.begin + spin.longest) if many else spin.end
+            if many and t + spin.gap + 2 * spin.longest <= spin.end:
+                return t + spin.gap + 2 * spin.longest
+        return INF
 
     def between(self, after: int, position: int) -> list[Spin]:
         """The spins recorded behind position ``after`` and before ``position``."""

@@ -11,7 +11,7 @@ from nros_conformance.judge.results import Verdict
 from nros_conformance.report.applicability import is_limited
 from nros_conformance.report.columns import Column
 from nros_conformance.report.evidence import Evidence
-from nros_conformance.report.notes import Keys
+from nros_conformance.report.notes import Keys, natural
 from nros_conformance.report.results import Report, ScenarioResult
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.declaration import Claim
@@ -238,19 +238,19 @@ def _pattern(report: Report, column: Column, keys: Keys) -> Cell:
     if absent:
         notes = tuple(key for kind in absent for key in keys.absences.get(kind.label, ()))
         reason = f"it needs {', '.join(kind.label for kind in absent)}, which is absent"
-        return _make(column, "refused", reason, notes=_unique(notes))
+        return _make(column, "refused", reason, notes=notes)
     if outcome == "none":
         if played and all(one.status == "not-applicable" for one in played):
             return _make(column, "not_applicable", _why_not(played))
         return _make(column, "no_evidence", f"the pattern was not played: {_why_not(played)}")
     if limited:
         notes = tuple(key for kind in limited for key in keys.absences.get(kind.label, ()))
-        return _make(column, "reduced", "works inside the declared limit", notes=_unique(notes))
+        return _make(column, "reduced", "works inside the declared limit", notes=notes)
     return _make(column, "verified", "the pattern works")
 
 
 def _make(column: Column, id_: CellId, reason: str, suffix: str = "", notes: Iterable[str] = ()) -> Cell:
-    return Cell(column=column.id, id=id_, text=WORDS[id_] + suffix, notes=_unique(notes), reason=reason)
+    return Cell(column=column.id, id=id_, text=WORDS[id_] + suffix, notes=_ordered(notes), reason=reason)
 
 
 def _degree(rules: list[Evidence]) -> str:
@@ -281,5 +281,6 @@ def _why_not(results: tuple[ScenarioResult, ...]) -> str:
     return "; ".join(reasons or codes) or "no reason was given"
 
 
-def _unique(keys: Iterable[str]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(keys))
+def _ordered(keys: Iterable[str]) -> tuple[str, ...]:
+    """Each key once; what nobody declared comes first."""
+    return tuple(sorted(set(keys), key=natural))

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 from msgspec import Struct, field, to_builtins
 
 from nros_conformance.formats.durations import Duration
-from nros_conformance.formats.places import Document, nearest
+from nros_conformance.formats.places import Document, Path_, nearest
 from nros_conformance.formats.toml import read_toml
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventKind
 
@@ -218,23 +218,31 @@ def load_declaration(file: Path, text: str | None = None) -> Declaration:
     return declaration
 
 
+def _check_absence(document: Document, here: Path_, what: str, section: Event | Connection) -> None:
+    """What is absent says of which class, why, and an event that is absent for ever where that is shown."""
+    if section.absent is None:
+        raise document.error(here, f"{what} without a class", 'add absent = "never", "not-yet" or "not-wired"')
+    if not section.because:
+        raise document.error(here, f"{what} without a reason", "add because = ...")
+    if isinstance(section, Event) and section.absent == "never" and not section.link:
+        raise document.error(here, f'{what}, absent = "never" without a link', "add link = ..., where it is shown")
+
+
 def _check(document: Document, declaration: Declaration) -> None:
     for label, event in declaration.events.items():
         here = ("events", label)
         if label not in KIND_BY_LABEL:
             raise document.error(here, f"unknown event {label!r}", nearest(label, list(KIND_BY_LABEL)))
-        if event.claim == "no" and event.absent is None:
-            raise document.error(
-                here, f'{label}: claim = "no" without a class', 'add absent = "never", "not-yet" or "not-wired"'
-            )
-        if event.claim != "yes" and not event.because:
-            raise document.error(here, f'{label}: claim = "{event.claim}" without a reason', "add because = ...")
-        if event.absent == "never" and not event.link:
-            raise document.error(here, f'{label}: absent = "never" without a link', "add link = ..., where it is shown")
+        if event.claim == "no":
+            _check_absence(document, here, f'{label}: claim = "no"', event)
+        if event.claim == "limited" and not event.because:
+            raise document.error(here, f'{label}: claim = "limited" without a reason', "add because = ...")
         if event.claim != "no" and not event.how:
             raise document.error(here, f"{label}: it is not said how the event is produced", "add how = ...")
         if event.claim == "limited" and not event.limit:
             raise document.error(here, f'{label}: claim = "limited" without a limit', "add limit = { ... }")
+    if declaration.connection.ping == "no":
+        _check_absence(document, ("connection",), 'ping = "no"', declaration.connection)
     for index, known in enumerate(declaration.known):
         if not known.link:
             raise document.error(

@@ -90,7 +90,10 @@ class Spin(Record, frozen=True, kw_only=True, tag="spin"):
     gap: int = 0
     """The longest time between two of these calls during which nobody was in drive_io."""
     longest: int = 0
-    """The longest of these calls, ns; 0: not known. With ``gap`` it says how far apart their ends are."""
+    """How long the longest of several calls took; 0: not known. With ``gap`` and ``wait`` it tells how far
+    apart their ends were, for a window that closes while the record goes on."""
+    wait: int = 0
+    """The longest wait within one of them."""
 
 
 class Event(Record, frozen=True, kw_only=True, tag="event"):

@@ -3,6 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from nros_conformance.judge.drives import LAST, Drives
 from nros_conformance.judge.findings import milliseconds, miss
@@ -112,9 +113,12 @@ def test_the_last_call_before() -> None:
 
 def test_a_record_of_many_calls_that_goes_on_beyond_a_border() -> None:
     long = spin(0, 500, calls=50, gap=1, longest=10)
-    assert placed(long).surely(limit=ms(300)) == ms(300 - 1 - 20)
+    assert placed(long).surely(limit=ms(300)) == ms(300 - 1 - 10)
+    waited = replace(long, wait=5 * MS)
+    assert placed(waited).surely(limit=ms(300)) == ms(300 - 1 - 10 - 5)
     assert placed(long).maybe(limit=ms(300)) == ms(300)
-    assert placed(long).surely(limit=ms(15)) == ms(0)
+    assert placed(long).surely(limit=ms(15)) == ms(4)
+    assert placed(long).surely(limit=ms(10.5)) == ms(0)
     assert placed(long).surely(limit=ms(9)) == -INF
     unknown = spin(0, 500, calls=50, gap=1)
     assert placed(unknown).surely(limit=ms(300)) == -INF
@@ -125,7 +129,7 @@ def test_a_record_of_many_calls_that_goes_on_beyond_a_border() -> None:
 
 def test_a_record_of_many_calls_whose_last_one_had_a_callback() -> None:
     long = spin(0, 500, calls=50, gap=1, longest=10, callbacks=1)
-    assert placed(long).surely(position=-1, when=ms(495)) == ms(495 - 21)
+    assert placed(long).surely(position=-1, when=ms(495)) == ms(495 - 11)
     assert placed(long).maybe(position=-1, when=ms(495)) == ms(495)
 
 
@@ -247,3 +251,12 @@ def test_several_entities_and_sessions_as_one() -> None:
     assert resolve(found, Moment.parse("talker.created")) == (ms(1), ms(5))
     assert resolve(found, Moment.parse("talker[1].created")) == (ms(3), ms(5))
     assert resolve(found, Moment.parse("data")) == (ms(10), ms(19))
+
+
+def test_by_when_something_was_read() -> None:
+    assert placed(spin(0, 10), spin(10, 35), spin(40, 50)).read_by(ms(5)) == ms(35)
+    assert placed(spin(0, 10), spin(10, 35), spin(40, 50)).read_by(ms(40)) == ms(50)
+    assert placed(spin(0, 10)).read_by(ms(5)) == INF
+    assert placed(spin(0, 500, calls=50, longest=10, gap=1)).read_by(ms(100)) == ms(121)
+    assert placed(spin(200, 500, calls=50, longest=10, gap=1)).read_by(ms(100)) == ms(210)
+    assert placed(spin(0, 110, calls=50, longest=10, gap=1), spin(110, 115)).read_by(ms(100)) == ms(115)

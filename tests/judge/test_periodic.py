@@ -77,9 +77,9 @@ LATE: list[tuple[str, list[Any], str, str, float | None]] = [
         "many calls in one record that goes on beyond the window",
         [quiet(0, 900)],
         "fail",
-        "RequestedDeadlineMissed number 1 on listener had not come when drive_io returned at 329.9 ms, "
-        "199.9 ms too late",
-        199.9,
+        "RequestedDeadlineMissed number 1 on listener had not come when drive_io returned at 339.9 ms, "
+        "209.9 ms too late",
+        209.9,
     ),
     (
         "many calls in one record, of unknown length",
@@ -228,3 +228,14 @@ def test_an_entity_with_a_count_is_judged_one_by_one() -> None:
         "RequestedDeadlineMissed number 1 on listener[1] had not come when drive_io returned at 140.0 ms, "
         "10 ms too late",
     )
+
+
+def test_a_backend_that_reads_only_in_drive_io_times_samples_there() -> None:
+    declares = {"receives_only_in_drive_io": True}
+    absent = [spin(0, 60), spins(60, 145), counted(165, 1), spin(145, 166, callbacks=1), spins(166, 206), REST]
+    assert finding(EVERY, ONE, absent).outcome == "fail"
+    assert finding(EVERY, ONE, absent, declares=declares).outcome == "unclear"
+    late = [spin(0, 20), spins(20, 160), counted(165, 1), spin(160, 166, callbacks=1), spins(166, 206), REST]
+    assert finding(EVERY, ONE, late, declares=declares).outcome == "fail"
+    seldom = spin(0, 900, calls=90, longest=10, gap=0.1)
+    assert finding(EVERY, ONE, seldom, REST, declares=declares).outcome == "fail"

@@ -272,7 +272,7 @@ BASE = [
         (
             [result("dsp.known", "DSP-007", outcome="fail"), result("dsp.x", "DSP-010", outcome="fail"),
              *rules(BASE, "DSP-007", "DSP-010", "ROB-001")],
-            ("deviates", "30/33° FAIL", ("D7", "!1")),
+            ("deviates", "30/33° FAIL", ("!1", "D7")),
         ),
     ],
 )  # fmt: skip

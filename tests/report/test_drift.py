@@ -9,7 +9,19 @@ from nros_conformance.judge.results import Finding
 from nros_conformance.report.matrix import check, render
 from nros_conformance.report.results import Report, ScenarioResult
 from nros_conformance.rmw.declaration import Declaration
-from tests.report.build import LVC, REQUIREMENTS, canonical, cyclone, refusal, registered, report, result, uorb
+from tests.report.build import (
+    LVC,
+    RDM,
+    REQUIREMENTS,
+    canonical,
+    cyclone,
+    known,
+    refusal,
+    registered,
+    report,
+    result,
+    uorb,
+)
 
 PUBLISHED = render([cyclone(), uorb()], REQUIREMENTS)
 FROZEN = "lvc.frozen-idle-publisher-returns"
@@ -103,6 +115,34 @@ def test_more_rules_that_apply_are_seen_although_something_was_not_exercised() -
     assert 'uORB, Base rules: published "**28/29 FAIL** `!1`", observed "**28/30° FAIL** `!1`"' in found
 
 
+def test_a_limit_with_a_gap_more_contradicts_nothing() -> None:
+    gap = result("all.msl-001", "MSL-001", status="untested", reason="needs a wire")
+    assert differences(instead(cyclone(), gap), uorb()) == []
+
+
+def test_another_word_with_a_gap_is_seen() -> None:
+    claimed = uorb().declaration.events | {"RequestedDeadlineMissed": uorb().declaration.events["MessageLost"]}
+    played = instead(declared(uorb(), events=claimed), canonical(RDM), result("all.rdm-001", "RDM-001"))
+    blocked = result("all.rdm-006", "RDM-006", status="untested", reason="needs `libfaketime`")
+    assert differences(cyclone(), instead(played, blocked))[0] == (
+        'uORB, Requested deadline missed: published "no `U2`", observed "yes°"'
+    )
+
+
+def test_of_two_deviations_one_is_gone_and_one_was_not_exercised() -> None:
+    both = [*cyclone().declaration.known, known("LVC-004", "lvc.leaves", "C9")]
+    leaves = result("lvc.leaves", "LVC-004", outcome="fail")
+    kept = [one for one in cyclone().results if "LVC-004" not in one.proves]
+    whole = instead(declared(msgspec.structs.replace(cyclone(), results=tuple(kept)), known=both), leaves)
+    published = render([whole, uorb()], REQUIREMENTS)
+    blocked = result("lvc.leaves", "LVC-004", status="untested", reason="no child processes")
+    assert differences(instead(whole, blocked), uorb(), published=published) == []
+    gone = instead(whole, blocked, result(FROZEN, "LVC-009"))
+    assert differences(gone, uorb(), published=published) == [
+        'Cyclone DDS, Liveliness changed: published "**partly 7/9** `C1` `C9`", observed "yes°"'
+    ]
+
+
 def test_another_violation_beside_one_that_was_not_exercised_is_seen() -> None:
     blocked = result(FROZEN, "LVC-009", status="untested", reason="no child processes")
     failing = result("all.lvc-001", "LVC-001", outcome="fail")
@@ -114,7 +154,7 @@ def test_another_violation_beside_one_that_was_not_exercised_is_seen() -> None:
 def test_an_event_that_breaks_is_seen() -> None:
     found = differences(instead(cyclone(), canonical(LVC, "fail")), uorb())
     assert found[0] == (
-        'Cyclone DDS, Liveliness changed: published "**partly 8/9** `C1`", observed "**broken** `C1` `!1`"'
+        'Cyclone DDS, Liveliness changed: published "**partly 8/9** `C1`", observed "**broken** `!1` `C1`"'
     )
 
 
@@ -153,6 +193,11 @@ def test_return_codes_count_where_they_were_observed() -> None:
     assert differences(fewer, uorb()) == []
     half = [one for one in observations if one.kind != 2]
     assert differences(msgspec.structs.replace(cyclone(), observations=tuple(half)), uorb()) == []
+    changed = [one for one in half if one.kind != 1 or one.case != "right side"]
+    changed.append(registered(1, -5))
+    assert differences(msgspec.structs.replace(cyclone(), observations=tuple(changed)), uorb()) == [
+        'Cyclone DDS, return codes, Subscription: published "0, 0, 0", observed "0, -5, \u2013"'
+    ]
     half.append(registered(2, -5))
     assert differences(msgspec.structs.replace(cyclone(), observations=tuple(half)), uorb()) == [
         'Cyclone DDS, return codes, Subscription: published "0, 0, 0", observed "0, 0, -5"'
