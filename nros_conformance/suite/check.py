@@ -54,6 +54,8 @@ class _Check:
 
     def run(self) -> None:
         self._scale_and_needs()
+        for name, session in self.scenario.sessions.items():
+            self._durations(("sessions", name), session)
         for name, entity in self.scenario.entities.items():
             self._entity(("entities", name), name, entity)
         for path, step in steps(self.scenario):
@@ -259,6 +261,8 @@ class _Check:
                 raise self.error((*path, key), f"{key}: the duration {value.text!r} is negative")
             if sign == 0 and isinstance(part, schema.Periodic):
                 raise self.error((*path, key), f"{key}: the period is 0", "events repeat after a positive time")
+            if sign == 0 and isinstance(part, schema.Session):
+                raise self.error((*path, key), f"{key}: drive_io would not wait at all", "give it some milliseconds")
 
     def _sign(self, duration: Duration) -> int:
         """-1, 0 or 1; 1 also when it depends on what a backend declares."""

@@ -45,7 +45,7 @@ def _step(document: Document, raw: Any, path: Path_) -> Step:
     head = _head(document, raw, path, "a step", (*STEPS, "do"))
     if head == "do":
         doing = raw["do"]
-        if doing not in DOINGS:
+        if not isinstance(doing, str) or doing not in DOINGS:
             raise document.error((*path, "do"), f"do: unknown value {doing!r}", nearest(str(doing), list(DOINGS)))
         return document.read(DOINGS[doing], raw, path)
     step = document.read(STEPS[head], raw, path)

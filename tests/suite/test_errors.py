@@ -71,6 +71,7 @@ STRUCTURE = [
         "13: 2 is not a step; a step is a mapping with one of drive, idle, parallel, fault, do",
     ),
     ("do: publish", "do: publsh", "11: do: unknown value 'publsh'; did you mean 'publish'?"),
+    ("do: publish", "do: [publish]", "11: do: unknown value ['publish']; did you mean 'publish'?"),
     ("- settle", "- setle", "10: do: unknown value 'setle'; did you mean 'settle'?"),
     ("- settle", "- publish", "10: the key 'by' is missing; add by: ..."),
     ("{gap: data", "{gpa: data", "15: unknown head 'gpa' of a given; did you mean 'gap'?"),
@@ -163,6 +164,7 @@ NAMES = [
         "6: declarations have no field 'calback_cap'; did you mean 'callback_cap'?",
     ),
     ("{gap: data", "{gap: dta", "15: unknown label 'dta'; did you mean 'data'?"),
+    ("{gap: data", "{gap: [data, dta]", "15: unknown label 'dta'; did you mean 'data'?"),
     (
         "{gap: data",
         "{gap: silence",
@@ -237,6 +239,7 @@ EXPECTATIONS = [
     ),
     ("periodic: MessageLost, of: listener, every: 1T - 1s, since: data", "every: the duration '1T - 1s' is negative"),
     ("never: ANY, of: ALL, from: dta", "unknown label 'dta'; did you mean 'data'?"),
+    ("never: ANY, of: ALL, from: datas", "unknown label 'datas'; did you mean 'data'?"),
     ("never: ANY, of: ALL, from: data-2T", "unknown label 'data-2T'; to subtract, write spaces: data - 2T"),
     ("never: ANY, of: ALL, from: 'data[3]'", "from: there is no moment 'data[3]': 'data' happens 3 times"),
     ("never: ANY, of: ALL, from: 'silence[1]'", "from: there is no moment 'silence[1]': 'silence' happens once"),
@@ -287,6 +290,18 @@ def test_an_event_that_nobody_registers(message: Message) -> None:
     assert message(text) == expected
 
 
+def test_a_list_registers_what_it_lists(message: Message, scenarios: Callable[[str], tuple[object, ...]]) -> None:
+    text = GOOD.replace("{subscription: sensor}", "{subscription: sensor, register: [KIND]}")
+    assert scenarios(text.replace("KIND", "RequestedDeadlineMissed"))
+    expected = "suites/sample.yaml:17: nothing registers RequestedDeadlineMissed on 'listener'; add a register step"
+    assert message(text.replace("KIND", "MessageLost")) == expected
+
+
+def test_bounds_may_be_equal(scenarios: Callable[[str], tuple[object, ...]]) -> None:
+    bounds = "total: MessageLost, of: listener, at_least: 2, at_most: 2"
+    assert scenarios(GOOD.replace(EXPECT, f"      - {{{bounds}, proves: RDM-001}}\n"))
+
+
 @pytest.mark.parametrize("kind", ["RequestedDeadlineMissed", "1"])
 def test_a_register_step_is_a_registration(scenarios: Callable[[str], tuple[object, ...]], kind: str) -> None:
     text = GOOD.replace("{subscription: sensor}", "{subscription: sensor, register: none}")
@@ -314,6 +329,13 @@ DURATIONS = [
     ),
     (TITLE, f"{TITLE}    scale: {{T: 1T}}\n", "6: T: 1T depends on T; give a plain duration such as 130ms"),
     (TITLE, f"{TITLE}    scale: {{T: 0}}\n", "6: T: 0 is not a positive duration"),
+    ("{drive: 2T,", "{fault: freeze, of: sub, for: -1T,", "13: for: the duration '-1T' is negative"),
+    (
+        TITLE,
+        f"{TITLE}    sessions: {{pub: {{slice: 0}}}}\n",
+        "6: slice: drive_io would not wait at all; give it some milliseconds",
+    ),
+    (TITLE, f"{TITLE}    sessions: {{pub: {{slice: -1ms}}}}\n", "6: slice: the duration '-1ms' is negative"),
 ]
 
 

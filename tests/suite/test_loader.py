@@ -106,6 +106,7 @@ def test_scenarios_come_in_the_order_of_files(load: Load) -> None:
     ]
     assert suites.version == "1.0"
     assert suites.directory.name == "suites"
+    assert suites.levels == {"RDM-001": "must", "RDM-002": "should", "LVC-001": "must"}
     assert len(suites.requirements) == 3
 
 

@@ -145,7 +145,7 @@ def test_scenarios_share_no_data(scenarios: Scenarios) -> None:
         ("{n: [[1]]}", "6: n: a value that is a list needs a name; name it: n: {NAME: VALUE, ...}"),
         ("{n: [a/b]}", "6: n: 'a/b' cannot stand in a scenario's key; name it: n: {NAME: VALUE, ...}"),
         ("{n: [1], 2x: [1]}", "6: '2x' cannot name a parameter; use letters, digits and _"),
-        ("{n: {a: {b: $m}}}", "6: n: '$m': a value cannot use parameters"),
+        ("{n: {a: {b: [$m]}}}", "6: n: '$m': a value cannot use parameters"),
         ("{m: [1]}", "11: undefined parameter $n; valid are m"),
     ],
 )

@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+from nros_conformance.formats.places import FormatError
+from nros_conformance.rmw.declaration import load_declaration
+from nros_conformance.rmw.discovery import BackendNotFound, find_backend, find_backends
+from nros_conformance.rmw.events import EventKind
+
+GOOD = """\
+schema = 1
+name = "mine"
+title = "Mine"
+adapter = "mine:Backend"
+
+[subject]
+kind = "library"
+says = "my middleware"
+
+[events.MessageLost]
+claim = "limited"
+how = "sequence numbers"
+limit = { sources = ["wire"] }
+because = "the queue is not ours"
+sources = ["wire"]
+
+[events.LivelinessChanged]
+claim = "no"
+absent = "never"
+because = "nothing like it"
+link = "https://example.org/issue"
+
+[connection]
+absent = "not-yet"
+because = "nobody asked"
+
+[[known]]
+key = "M1"
+requirement = "MSL-001"
+scenario = "msl.conservation"
+cause = "middleware"
+because = "it forgets"
+link = "unreported"
+"""
+
+
+def load(text: str) -> None:
+    load_declaration(Path("mine/backend.toml"), text)
+
+
+def test_what_is_left_out_has_the_strict_value() -> None:
+    declaration = load_declaration(Path("b.toml"), GOOD)
+    assert declaration.claims() == {
+        "LivelinessChanged": "no", "RequestedDeadlineMissed": "no", "MessageLost": "limited",
+        "LivelinessLost": "no", "OfferedDeadlineMissed": "no",
+    }  # fmt: skip
+    assert declaration.event(EventKind.REQUESTED_DEADLINE_MISSED).armed_at == "create"
+    capabilities = declaration.capabilities()
+    assert capabilities["MessageLost.sources"] == ["wire"]
+    assert (capabilities["callback_cap"], capabilities["ping"]) == (True, "no")
+    assert declaration.quantities()["discovery_bound"] == 2_000_000_000
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("[events.MessageLost]", "[events.MesageLost]", "10: unknown event 'MesageLost'; did you mean 'MessageLost'?"),
+    ('claim = "limited"', 'claim = "limted"', "11: claim: unknown value 'limted'; did you mean 'limited'?"),
+    ('how = "sequence', 'hwo = "sequence', "12: unknown key 'hwo'; did you mean 'how'?"),
+    ('title = "Mine"\n', "", "1: the key 'title' is missing; add title: ..."),
+    ('absent = "never"\nbecause = "nothing like it"', 'because = "nothing"',
+     '17: LivelinessChanged: claim = "no" without a class; add absent = "never", "not-yet" or "not-wired"'),
+    ('because = "nothing like it"\n', "", '17: LivelinessChanged: claim = "no" without a reason; add because = ...'),
+    ('link = "https://example.org/issue"\n', "",
+     '17: LivelinessChanged: claim = "no", absent = "never" without a link; add link = ..., where it is shown'),
+    ('because = "the queue is not ours"\n', "",
+     '10: MessageLost: claim = "limited" without a reason; add because = ...'),
+    ('limit = { sources = ["wire"] }\n', "", '10: MessageLost: claim = "limited" without a limit; add limit = { ... }'),
+    ('how = "sequence numbers"\n', "", "10: MessageLost: it is not said how the event is produced; add how = ..."),
+    ('absent = "not-yet"\n', "",
+     '23: ping = "no" without a class; add absent = "never", "not-yet" or "not-wired"'),
+    ('link = "unreported"', 'link = ""', '27: known M1: no link; add link = ..., or link = "unreported"'),
+    ('adapter = "mine:Backend"', 'adapter = "mine"', "4: adapter: 'mine' is not module:Class"),
+    ('kind = "library"', "kind = library", "7: not TOML: Invalid value"),
+    ("schema = 1", "schema = 2", "1: schema: unknown value '2'; valid are 1"),
+])  # fmt: skip
+def test_a_broken_declaration_gets_one_error_with_line_and_remedy(old: str, new: str, message: str) -> None:
+    assert old in GOOD
+    with pytest.raises(FormatError) as caught:
+        load(GOOD.replace(old, new, 1))
+    assert str(caught.value) == f"mine/backend.toml:{message}"
+
+
+def test_a_bound_has_to_be_a_plain_duration() -> None:
+    with pytest.raises(FormatError) as caught:
+        load(GOOD + '\n[bounds]\nmin_lease = "2T"\n')
+    assert str(caught.value) == "mine/backend.toml:36: min_lease: 2T depends on T; give a plain duration"
+
+
+def test_installed_backends_are_found_by_entry_point_without_importing_their_middleware() -> None:
+    found = find_backends()
+    assert {"cyclone", "reference", "uorb"} <= set(found)
+    assert all(one.declaration is not None and one.error is None for one in found.values())
+    assert [name for name, one in found.items() if one.declaration and one.declaration.control] == ["reference"]
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "__init__.py").write_text("class Backend: pass\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    importlib.invalidate_caches()
+    return tmp_path / "mine"
+
+
+def test_a_backend_is_found_by_module_and_class(package: Path) -> None:
+    (package / "backend.toml").write_text(GOOD, encoding="utf-8")
+    found = find_backend("mine:Backend")
+    assert (found.name, found.adapter, found.error) == ("mine", "mine:Backend", None)
+    with pytest.raises(TypeError, match=r"mine:Backend is not a subclass of nros_conformance\.rmw\.Backend"):
+        found.load()
+
+
+def test_an_adapter_without_declaration_or_module_says_so(package: Path) -> None:
+    error = find_backend("mine:Backend").error
+    assert str(error) == f"{package / 'backend.toml'}: there is no declaration; write one; docs/backend-toml.md"
+    assert str(find_backend("nowhere:Backend").error) == "nowhere:Backend: there is no module 'nowhere'"
+    with pytest.raises(BackendNotFound, match="no backend 'mqtt'; installed are cyclone, reference, uorb"):
+        find_backend("mqtt")
