@@ -238,7 +238,7 @@ def _too_few(
     needed = at.hi - index.late if expected.at.text == "end" else at.hi
     call = call_of(index, expected.at, session)
     missed = drives.surely(position, when) >= needed or (call is not None and call < position)
-    certain = possible < least and when > at.hi and missed
+    certain = possible < least and missed
     got = _sum(possible) if possible == sure else f"total {sure} to {possible}"
     late = filling.when.hi - at.hi if filling else None
     if filling is not None and late is not None:

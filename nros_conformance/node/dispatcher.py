@@ -43,6 +43,7 @@ class Dispatcher:
         self.ran = 0
         self._polled: list[_Polled] = []
         self._raised: deque[Exception] = deque()
+        self._driving = False
 
     def add_subscription(
         self, subscription: Subscription, callback: DataCallback, max_size: int = MAX_SAMPLE
@@ -78,9 +79,22 @@ class Dispatcher:
     def drive(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
         """Drive the session once, at most ``timeout_ms``; the return code of ``drive_io``.
 
-        Raises what a callback raised; of several exceptions one, and each of the others in a drive of
-        its own, in their order. Raises `RmwError` BUFFER_TOO_SMALL for a sample beyond ``max_size``.
+        From inside a callback nothing is done, WOULD_BLOCK (DSP-003). Raises what a callback raised; of
+        several exceptions one, and each of the others in a drive of its own, in their order. Raises
+        `RmwError` BUFFER_TOO_SMALL for a sample beyond ``max_size``.
         """
+        if self._driving:
+            return ReturnCode.WOULD_BLOCK
+        self._driving = True
+        try:
+            code = self._drive(timeout_ms, max_callbacks)
+        finally:
+            self._driving = False
+        if self._raised:
+            raise self._raised.popleft()
+        return code
+
+    def _drive(self, timeout_ms: int, max_callbacks: int | None) -> int:
         self.ran = 0
         if self._raised or any(polled.subscription.has_data() is True for polled in self._polled):
             timeout_ms = 0  # something is left to do from last time
@@ -90,8 +104,6 @@ class Dispatcher:
                 self.ran += 1
                 if not polled.take():
                     break
-        if self._raised:
-            raise self._raised.popleft()
         return code
 
     def _take(self, subscription: Subscription, callback: DataCallback, max_size: int) -> bool:

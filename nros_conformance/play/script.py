@@ -67,7 +67,7 @@ class Script:
         driven = [driver for driver in self.stage.drivers.values() if driver.background]
         for driver in driven:
             self.stage.perform(driver, "pause", driver.pause)
-        self._pause(label, "idle", begin, duration)
+        self._pause(label, "idle", max(begin, self.clock.now_ns()), duration)
         for driver in driven:
             driver.resume()
 
@@ -136,6 +136,11 @@ class Script:
                 posts.append((driver, command))
         if isinstance(step, schema.Call | schema.Spin):
             allowance = step.timeout.ns(self.stage.quantities)
+        if every and times > 1:
+            # The first one shall not wait for a drive in progress, or it would come too close to the second.
+            lead = max((driver.slice_ms * MS for driver, _ in posts if driver.background), default=0)
+            for _, command in posts:
+                command.due += lead
         self._performed[label] = [command for _, command in posts]
         resumed: list[Driver] = []
         if isinstance(step, schema.Call | schema.Spin):

@@ -26,6 +26,7 @@ from tests.judge.build import (
     taken,
     trace,
 )
+from tests.judge.simulation import BROKEN, LOADS, SCENARIOS, correct
 
 GRID = 5
 END = 600
@@ -150,6 +151,17 @@ def stories() -> st.SearchStrategy[Trace]:
         expect=st.lists(st.sampled_from(EXPECTATIONS), min_size=1, max_size=4, unique_by=str),
         given=st.lists(st.sampled_from(GIVENS), max_size=1),
         level=st.sampled_from(["must", "must", "should"]),
+    )
+
+
+def plays() -> st.SearchStrategy[Trace]:
+    """Traces of backends, correct and defective, on hosts of all kinds."""
+    return st.builds(
+        lambda scenario, load, backend, seed: scenario(Random(seed), load, backend),
+        st.sampled_from(list(SCENARIOS.values())),
+        st.sampled_from(list(LOADS.values())),
+        st.sampled_from([correct, correct, *BROKEN.values()]),
+        st.integers(0, 2**32),
     )
 
 

@@ -40,6 +40,15 @@ def test_one_call_too_late() -> None:
     )
 
 
+def test_on_the_virtual_clock_the_background_may_have_called_it_just_before() -> None:
+    before = [spins(0, 90), counted(100, 1), spin(90, 100, callbacks=1)]
+    found = finding(INSIDE, before, spin(100, 1100), call("long", 100, 1100), REST)
+    assert (found.outcome, found.got) == (
+        "fail",
+        "RequestedDeadlineMissed on listener: total 1 (+1) at 100.0 ms, outside of it",
+    )
+
+
 def test_inside_counts_occurrences() -> None:
     records = [BEFORE, counted(1100, 7, 7), spin(100, 1100, callbacks=1), call("long", 100, 1100), REST]
     found = finding(INSIDE | {"at_least": 7}, records)

