@@ -91,10 +91,13 @@ def _by(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -
         got += f", and drive_io returned {clock(index, ended)}" if late else ", but the script ended before it was late"
         judged = Judged(decide(late, True), "", got, ended - due if late else None, by.hi, missing=True)
         return unless_blind(index, session, judged, first.lo)
+    if possible.seen is None:
+        judged = Judged("unclear", got=f"{_told(index, possible)} at first, perhaps only before {expected.by.label}")
+        return unless_blind(index, session, judged, first.lo)
     late = possible.since.lo > due and drives.surely(possible.position, possible.since.lo) >= due
     late = late and due <= index.script_end.lo
     nearest = possible.since.hi - due
-    over = nearest <= 0 and possible.seen is not None
+    over = nearest <= 0
     missed = "but the script was over by then" if over else miss(nearest, perhaps=not late)
     got = f"{_told(index, possible)}, {missed}"
     judged = Judged(decide(late, True), "", got, None if over else nearest, possible.since.hi, missing=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from types import TracebackType
 
 from nros_conformance.node.node import Node
@@ -30,7 +31,7 @@ class Context:
             raise TypeError("a backend that exists has its host already")
         self.backend = backend
         self._environment: Environment | None = None
-        self._nodes: list[Node] = []
+        self._nodes: dict[Node, None] = {}
 
     @property
     def clock(self) -> Clock:
@@ -46,21 +47,22 @@ class Context:
         options = dataclasses.replace(options or SessionOptions(), node_name=name)
         if not options.locator:
             options = dataclasses.replace(options, locator=self._peer().endpoint())
-        node = Node(self.backend.create_session(options), name, self.clock)
-        self._nodes.append(node)
+        node = Node(self.backend.create_session(options), name, self.clock, self._nodes.pop)
+        self._nodes[node] = None
         return node
 
     def close(self) -> None:
-        """Destroy the nodes, then stop the peer and the backend if they are this context's own."""
-        try:
-            while self._nodes:
-                self._nodes.pop().destroy()
-        finally:
-            if self._environment is not None:
-                self._environment.stop()
-                self._environment = None
-            if self._owned:
-                self.backend.close()
+        """Destroy the nodes, then stop the peer and the backend if they are this context's own.
+
+        Goes through with all of it; raises the last failure, chained to those before.
+        """
+        environment, self._environment = self._environment, None
+        steps: list[Callable[[], object]] = [node.destroy for node in reversed(self._nodes)]
+        if environment is not None:
+            steps.append(environment.stop)
+        if self._owned:
+            steps.append(self.backend.close)
+        _all_of(steps)
 
     def __enter__(self) -> Context:
         return self
@@ -76,6 +78,14 @@ class Context:
             environment.start()
             self._environment = environment
         return self._environment
+
+
+def _all_of(steps: list[Callable[[], object]]) -> None:
+    if steps:
+        try:
+            steps[0]()
+        finally:
+            _all_of(steps[1:])
 
 
 def _adapter(name: str) -> type[Backend]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nros_conformance.node.dispatcher import MAX_SAMPLE, DataCallback, Dispatcher
 from nros_conformance.node.entities import Publisher, Subscription
 from nros_conformance.node.errors import raise_for
@@ -13,12 +15,15 @@ from nros_conformance.rmw.qos import DEFAULT, QosProfile
 class Node:
     """Made by `Context.create_node`. To be used from the thread that spins it, and from callbacks."""
 
-    def __init__(self, session: Session, name: str, clock: Clock) -> None:
+    def __init__(
+        self, session: Session, name: str, clock: Clock, forget: Callable[[Node], object] = lambda node: None
+    ) -> None:  # fmt: skip
         self.session = session
         self.name = name
         self.clock = clock
         self.dispatcher = Dispatcher(session)
         self._entities: set[Publisher | Subscription] = set()
+        self._forget = forget
         self._destroyed = False
 
     def create_subscription(
@@ -52,4 +57,5 @@ class Node:
         for entity in self._entities:
             entity.abandon()
         self._entities.clear()
+        self._forget(self)
         raise_for(int(code), f"destroying the node {self.name}")

@@ -18,6 +18,10 @@ from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import RmwError
 from nros_conformance.trace.records import Act, AnyRecord, Spin
 
+_QUIET_NS = 50 * MS
+"""No longer stretch of quiet calls is one record: a window of an expectation that closes within a record
+leaves all of it open, so records are short against the shortest periods (100 ms)."""
+
 _REST_NS = 1 * MS
 """A quiet drive_io that returned at once is followed by this pause, or the loop would burn a core."""
 
@@ -195,7 +199,7 @@ class Driver:
 
     def _note(self, begin: int, end: int, sure: int, callbacks: int, code: int) -> None:
         quiet = self._quiet
-        if quiet is not None and (quiet.code != code or callbacks):
+        if quiet is not None and (quiet.code != code or callbacks or end - quiet.begin > _QUIET_NS):
             self.flush()
             quiet = None
         gap = begin - quiet.end if quiet else 0

@@ -20,6 +20,9 @@ from nros_conformance.suite.walk import base_name, expectations, fields, givens,
 ANSWERS = (*(code.name for code in ReturnCode), "ANY_ERROR", "DATA", "true", "false")
 """What ``returns`` may ask for."""
 
+COUNT_MAX = 1000
+"""Entities of one entry: far more than any backend carries, few enough to be named one by one."""
+
 _CALLS = (schema.Call, schema.Spin)
 _ANSWERING = (
     schema.Publish, schema.Assert, schema.Take, schema.HasData, schema.Register, schema.Supports, schema.Create,
@@ -49,7 +52,7 @@ class _Check:
         self.scenario = scenario
         self.requirements = requirements
         for name, entity in scenario.entities.items():
-            self._exactly_one_side(("entities", name), name, entity)
+            self._shape(("entities", name), name, entity)
         self.names = Names(document, scenario)
 
     def run(self) -> None:
@@ -75,16 +78,18 @@ class _Check:
 
     # --- who takes part -----------------------------------------------------------------------------
 
-    def _exactly_one_side(self, path: Path_, name: str, entity: schema.Entity) -> None:
+    def _shape(self, path: Path_, name: str, entity: schema.Entity) -> None:
         if entity.publisher is not None and entity.subscription is not None:
             raise self.error(path, f"{name!r} is both a publisher and a subscription", "keep one of the two keys")
         if entity.publisher is None and entity.subscription is None:
             raise self.error(
                 path, f"{name!r} is neither a publisher nor a subscription", "add publisher: or subscription:"
             )
+        self._not_below((*path, "count"), entity.count, 1)
+        if entity.count > COUNT_MAX:
+            raise self.error((*path, "count"), f"count: {entity.count} is more than {COUNT_MAX}")
 
     def _entity(self, path: Path_, name: str, entity: schema.Entity) -> None:
-        self._not_below((*path, "count"), entity.count, 1)
         for kind in entity.register if isinstance(entity.register, list) else ():
             self.names.check_side((*path, "register"), kind, name)
         self._durations(path, entity)

@@ -21,7 +21,7 @@ from nros_conformance.formats.places import Document, Path_, nearest
 _USE = re.compile(r"\$(?P<name>\$|[A-Za-z][A-Za-z0-9_]*)?")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _SHORT = re.compile(r"[A-Za-z0-9_.+*-]+")
-_LISTS = ("script", "given", "expect")
+_LISTS = ("script", "react", "given", "expect")
 _MAPPINGS = ("sessions", "entities")
 
 

@@ -34,6 +34,13 @@ def read_scenario(document: Document) -> Scenario:
     return structs.replace(
         scenario,
         script=[_step(document, item, ("script", i)) for i, item in enumerate(scenario.script)],
+        react=[
+            structs.replace(
+                reaction,
+                script=[_step(document, item, ("react", r, "script", i)) for i, item in enumerate(reaction.script)],
+            )
+            for r, reaction in enumerate(scenario.react)
+        ],
         given=[_given(document, item, ("given", i)) for i, item in enumerate(scenario.given)],
         expect=[_expectation(document, item, ("expect", i)) for i, item in enumerate(scenario.expect)],
     )

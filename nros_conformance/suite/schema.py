@@ -127,15 +127,22 @@ class Parallel(Step, frozen=True, kw_only=True):
 
 
 class Fault(Step, frozen=True, kw_only=True):
-    """Inject a fault. ``of`` names the session or entity that it hits."""
+    """Inject a fault. ``of`` names the session or entity that it hits.
+
+    ``lose``, ``duplicate``, ``reorder``: that publisher publishes ``count`` samples under this step's
+    label, and none of them arrives, each arrives twice, the last one arrives first.
+    ``partition``, ``heal``: nothing passes between that session and the others, respectively all again.
+    ``preset``: the total (or alive_count) of event ``kind`` on that entity becomes ``count``; without
+    ``kind``, the number that the wire or the queue gives to the next sample of its topic.
+    """
 
     fault: FaultName
     of: EntityName | None = None
     count: int | None = None
+    kind: KindName | None = None
     by: Duration | None = None
     for_: Duration | None = field(default=None, name="for")
     direction: Literal["both", "to-subscription", "to-publisher"] = "both"
-    publish: bool = False
 
 
 class Settle(Step, frozen=True, kw_only=True):
@@ -235,12 +242,41 @@ class Spin(Repeated, frozen=True, kw_only=True):
     cap: int | None = None
 
 
-Doing: TypeAlias = Settle | Publish | Assert | Take | HasData | Register | Supports | Create | Destroy | Call | Spin
+class Measure(Step, frozen=True, kw_only=True):
+    """Write down a quantity of the process: ``cpu``, the processor time that all its threads have used."""
+
+    do: Literal["measure"]
+    what: Literal["cpu"]
+
+
+class Raise(Step, frozen=True, kw_only=True):
+    """Raise an exception out of the callback. Only as the last step of a reaction."""
+
+    do: Literal["raise"]
+
+
+class Reaction(Base, frozen=True, kw_only=True):
+    """What a status callback does when it runs, beside being written down.
+
+    Its steps are calls on the callback's own session, made on the thread that runs the callback.
+    """
+
+    to: KindName
+    of: EntityName
+    times: int = 1
+    """The first so many callbacks do it."""
+    script: list[Any]
+
+
+Doing: TypeAlias = (
+    Settle | Publish | Assert | Take | HasData | Register | Supports | Create | Destroy | Call | Spin | Measure | Raise
+)
 AnyStep: TypeAlias = Drive | Idle | Parallel | Fault | Doing
 
 DOINGS: dict[str, type[Step]] = {
     "settle": Settle, "publish": Publish, "assert": Assert, "take": Take, "has_data": HasData, "register": Register,
-    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin,
+    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin, "measure": Measure,
+    "raise": Raise,
 }  # fmt: skip
 """By the value of ``do``."""
 
@@ -266,6 +302,14 @@ class ReturnsGiven(Base, frozen=True, kw_only=True):
     is_: list[str] = field(name="is")
 
 
+class ReceivedGiven(Base, frozen=True, kw_only=True):
+    """As the expectation: which of the samples published under this label were received."""
+
+    received: Identifier
+    of: EntityName
+    is_: Literal["all", "none"] | int = field(default="all", name="is")
+
+
 class DrivenGiven(Base, frozen=True, kw_only=True):
     """This session was driven at least this often between two moments."""
 
@@ -275,8 +319,10 @@ class DrivenGiven(Base, frozen=True, kw_only=True):
     until: Moment = Moment.parse("end")
 
 
-AnyGiven: TypeAlias = GapGiven | ReturnsGiven | DrivenGiven
-GIVENS: dict[str, type[Base]] = {"gap": GapGiven, "returns": ReturnsGiven, "driven": DrivenGiven}
+AnyGiven: TypeAlias = GapGiven | ReturnsGiven | ReceivedGiven | DrivenGiven
+GIVENS: dict[str, type[Base]] = {
+    "gap": GapGiven, "returns": ReturnsGiven, "received": ReceivedGiven, "driven": DrivenGiven,
+}  # fmt: skip
 
 
 # --- what is expected -----------------------------------------------------------------------------
@@ -350,6 +396,12 @@ class Agrees(Expectation, frozen=True, kw_only=True):
     with_: Identifier = field(name="with")
 
 
+class Admitted(Expectation, frozen=True, kw_only=True):
+    """Creating this entity answered OK, or INCOMPATIBLE_QOS if the backend declares a policy of it unsupported."""
+
+    admitted: EntityName
+
+
 class Received(Expectation, frozen=True, kw_only=True):
     """Which of the samples published under this label the subscription's takes returned, in order, once."""
 
@@ -405,6 +457,15 @@ class Takes(Expectation, frozen=True, kw_only=True):
     at_least: Duration | None = None
 
 
+class Measured(Expectation, frozen=True, kw_only=True):
+    """By how much a measured quantity grew from one ``measure`` step to another."""
+
+    measured: Literal["cpu"]
+    from_: Identifier = field(name="from")
+    to: Identifier
+    at_most: Duration
+
+
 class AnyOf(Expectation, frozen=True, kw_only=True):
     """One of these groups of expectations holds as a whole."""
 
@@ -418,18 +479,20 @@ AnyExpectation: TypeAlias = (
     | Level
     | Returns
     | Agrees
+    | Admitted
     | Received
     | Conserved
     | Inside
     | Callback
     | Callbacks
     | Takes
+    | Measured
     | AnyOf
 )
 EXPECTATIONS: dict[str, type[Expectation]] = {
     "never": Never, "periodic": Periodic, "total": Total, "level": Level, "returns": Returns, "agrees": Agrees,
-    "received": Received, "conserved": Conserved, "inside": Inside, "callback": Callback, "callbacks": Callbacks,
-    "takes": Takes, "any_of": AnyOf,
+    "admitted": Admitted, "received": Received, "conserved": Conserved, "inside": Inside, "callback": Callback,
+    "callbacks": Callbacks, "takes": Takes, "measured": Measured, "any_of": AnyOf,
 }  # fmt: skip
 
 
@@ -468,6 +531,7 @@ class Scenario(Base, frozen=True, kw_only=True):
     sessions: dict[Identifier, Session] = {}
     entities: dict[Identifier, Entity]
     script: list[Any]
+    react: list[Reaction] = []
     given: list[Any] = []
     expect: list[Any]
 

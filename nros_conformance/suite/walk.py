@@ -8,12 +8,22 @@ from typing import Any
 
 from nros_conformance.formats.places import Path_
 from nros_conformance.suite.moments import Moment
-from nros_conformance.suite.schema import AnyOf, Base, Entity, Expectation, Parallel, Scenario, Step
+from nros_conformance.suite.schema import AnyOf, Base, Entity, Expectation, Parallel, Reaction, Scenario, Step
 
 
 def steps(scenario: Scenario) -> Iterator[tuple[Path_, Step]]:
-    """All steps, those of parallel branches after the step that they belong to."""
-    return _steps(scenario.script, ("script",))
+    """All steps, those of parallel branches after the step that they belong to, those of reactions last."""
+    yield from _steps(scenario.script, ("script",))
+    for _, _, path, step in reaction_steps(scenario):
+        yield path, step
+
+
+def reaction_steps(scenario: Scenario) -> Iterator[tuple[Path_, Reaction, Path_, Step]]:
+    """The steps of reactions: path and reaction, path and step."""
+    for index, reaction in enumerate(scenario.react):
+        here = ("react", index)
+        for path, step in _steps(reaction.script, (*here, "script")):
+            yield here, reaction, path, step
 
 
 def _steps(script: Sequence[Step], path: Path_) -> Iterator[tuple[Path_, Step]]:

@@ -78,7 +78,7 @@ def test_what_was_so_before_the_anchor_does_not_count() -> None:
 def test_what_was_so_until_the_anchor_happened_may_count() -> None:
     during = [spins(0, 100), alive(100.5, 1, 1), spin(100, 101, callbacks=1), spins(110, 400)]
     found = finding(BY, during, GONE, REST)
-    assert found.outcome == "unclear"
+    assert (found.outcome, found.got) == ("unclear", "no LivelinessChanged came at first, perhaps only before gone")
 
 
 def test_a_level_that_was_reached_and_left_again_was_reached() -> None:

@@ -243,7 +243,7 @@ def test_a_backend_that_reads_only_in_drive_io_times_samples_there() -> None:
 
 def test_a_window_that_closes_at_an_uncertain_time_leaves_its_last_calls_open() -> None:
     until = EVERY | {"until": "two"}
-    late = [spins(0, 140), act("two", 135, 145), spins(140, 200)]
+    late = [spins(0, 140), act("two", 125, 145), spins(140, 200)]
     found = finding(until, ONE, late, REST)
     assert (found.outcome, found.nearest_ns) == ("unclear", 10_000_000)
     assert finding(until, ONE, spins(0, 140), act("two", 141, 145), REST).outcome == "fail"

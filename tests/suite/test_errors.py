@@ -148,6 +148,7 @@ NAMES = [
         "7: MessageLost is an event of a subscription, 'talker' is a publisher; name a subscription",
     ),
     ("{publisher: sensor}", "{publisher: sensor, count: 0}", "7: count: 0 is less than 1"),
+    ("{publisher: sensor}", "{publisher: sensor, count: 1001}", "7: count: 1001 is more than 1000"),
     (
         TITLE,
         f"{TITLE}    sessions: {{far: {{process: own}}}}\n",

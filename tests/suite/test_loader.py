@@ -1,17 +1,24 @@
 from __future__ import annotations
 
+import contextlib
+import copy
 import json
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from nros_conformance.formats.places import FormatError
+from nros_conformance.formats.places import Document, FormatError
+from nros_conformance.formats.yaml12 import read_yaml
 from nros_conformance.suite import schema
+from nros_conformance.suite.check import check
+from nros_conformance.suite.expand import expand
+from nros_conformance.suite.heads import read_scenario
 from nros_conformance.suite.loader import Loaded, Suites, load_suites, shipped_suites, typed
 
 Load = Callable[..., Suites]
@@ -315,3 +322,31 @@ def test_the_shipped_suites_load() -> None:
     assert len({one.key for one in suites.scenarios}) == len(suites.scenarios)
     for one in suites.scenarios:
         assert typed(one.raw, one.key) == one.scenario
+
+
+# --- anything at all ------------------------------------------------------------------------------
+
+
+def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    yield path
+    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
+        yield from places(data[key], (*path, key))
+
+
+@pytest.mark.parametrize(
+    "junk", [None, True, -1, 10**30, "x", "$x", "1T", [], ["x"], {}, {"do": ["x"]}, {"when": {"x": 1}}], ids=repr
+)
+def test_whatever_stands_somewhere_else_is_read_or_refused(load: Load, tmp_path: Path, junk: object) -> None:
+    requirements = load(sample=f"suite: sample\ntitle: X\nscenarios:\n{EVERYTHING}").requirements
+    whole = read_yaml(tmp_path / "suites" / "sample.yaml").data["scenarios"][0]
+    for path in places(whole):
+        data = copy.deepcopy(whole)
+        if path:
+            inner = data
+            for key in path[:-1]:
+                inner = inner[key]
+            inner[path[-1]] = junk
+        document = Document("sample.yaml", data, {})
+        with contextlib.suppress(FormatError):  # anything else fails the test
+            for expanded in expand(document, (), data):
+                check(expanded.document, read_scenario(expanded.document), requirements)
