@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from nros_conformance.report.results import Report, read_report
@@ -34,10 +34,11 @@ def load(processes: int) -> Iterator[None]:
             hog.wait()
 
 
-def one_run(backend: str, folder: Path, profile: str) -> tuple[Report, float]:
+def one_run(backend: str, folder: Path, profile: str, suites: Sequence[str]) -> tuple[Report, float]:
     """A run of the command as a user makes it: its report, and the wall time, s."""
     begun = time.monotonic()
     command = [sys.executable, "-m", "nros_conformance.cli.main", "run", "--backend", backend, "--profile", profile]
+    command += [argument for suite in suites for argument in ("--suite", suite)]
     subprocess.run([*command, "--results", str(folder)], capture_output=True, check=False)
     return read_report(folder / backend), time.monotonic() - begun
 
@@ -48,6 +49,7 @@ def main() -> None:
     parser.add_argument("--backend", default="cyclone")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--profile", default="publish")
+    parser.add_argument("--suite", action="append", default=[])
     options = parser.parse_args()
     false_failures = 0
     cores = os.cpu_count() or 1
@@ -56,7 +58,7 @@ def main() -> None:
         with load(hogs):
             for number in range(options.runs):
                 with tempfile.TemporaryDirectory() as folder:
-                    report, wall = one_run(options.backend, Path(folder), options.profile)
+                    report, wall = one_run(options.backend, Path(folder), options.profile, options.suite)
                 results = [result for result in report.results if result.attempts]
                 failed = [result for result in results if result.verdict in ("fail", "error") and not result.known]
                 first_unclear += sum(result.attempts[0].verdict.verdict == "inconclusive" for result in results)

@@ -45,7 +45,7 @@ def real(backend: str) -> None:
         report = read_report(folder / backend)
         seconds = [attempt.seconds for result in report.results for attempt in result.attempts]
         print(
-            f"{backend}: {len(seconds)} plays; command {wall:.1f} s, of which playing and judging {report.seconds:.1f} s; "
+            f"{backend}: {len(seconds)} plays; command {wall:.1f} s, playing and judging {report.seconds:.1f} s; "
             f"longest {max(seconds):.1f} s, sum {sum(seconds):.1f} s: "
             f"{report.seconds / max(seconds):.2f} x the longest, {sum(seconds) / report.seconds:.0f} at once"
         )

@@ -9,8 +9,10 @@ from typing import Literal
 
 from nros_conformance.formats.places import nearest
 from nros_conformance.rmw.declaration import Declaration
+from nros_conformance.suite.injections import injectable
 from nros_conformance.suite.kinds import claims_needed, faults_needed
 from nros_conformance.suite.loader import Loaded, Suites
+from nros_conformance.suite.policies import unsupported
 from nros_conformance.suite.schema import PROFILES, Profile
 from nros_conformance.suite.walk import expectations
 
@@ -82,9 +84,13 @@ def decide(one: Loaded, declaration: Declaration) -> Decision:
             return Decision("untested", f"needs {name}, which no declaration can have")
         if not _declares(capabilities[name], value):
             return Decision("not-applicable", f"needs {name} = {_show(value)}; declared is {_show(capabilities[name])}")
+    for name, entity in scenario.entities.items():
+        lacking = [] if entity.may_fail else unsupported(entity.qos, declaration.qos.unsupported)
+        if lacking:
+            return Decision("not-applicable", f"{name} asks for {lacking[0]}, which is declared unsupported")
     if scenario.needs.clock not in ("any", declaration.behaviour.clock):
         return Decision("not-applicable", f"needs the {scenario.needs.clock} clock")
-    missing = sorted(faults_needed(scenario))
+    missing = sorted(fault for fault in faults_needed(scenario) if not injectable(fault, declaration.faults))
     if missing:
         return Decision("untested", f"the fault {missing[0]} cannot be injected here")
     return PLAY

@@ -84,9 +84,22 @@ def _parser() -> argparse.ArgumentParser:
     matrix.add_argument("--output", type=Path, default=Path("matrix.md"), metavar="FILE", help="default: matrix.md")
     matrix.add_argument("--html", type=Path, metavar="FILE", help="also write the web page")
     matrix.add_argument("--readme", type=Path, metavar="FILE", help="also copy the table into this README")
-    matrix.add_argument(
+    instead = matrix.add_mutually_exclusive_group()
+    instead.add_argument(
         "--check", action="store_true", help="compare with FILE instead of writing it; exit 1 if they differ"
     )
+    instead.add_argument(
+        "--diff",
+        type=Path,
+        metavar="OLD",
+        help="print instead what changed since OLD, a results directory or matrix.md",
+    )
+
+    doctor = _command(commands, "doctor", "say what this machine lacks, which evidence that costs, and what brings it")
+    doctor.add_argument(
+        "--backend", action="append", default=[], metavar="NAME",
+        help="look at this backend alone; exit 5 if it is not available",
+    )  # fmt: skip
 
     rejudge = _command(commands, "rejudge", "judge stored traces again")
     rejudge.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="default: the results directory")

@@ -8,29 +8,42 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nros_conformance.cli.codes import ExitCode
+from nros_conformance.report.changes import changes, of_table, read_old
 from nros_conformance.report.matrix import check, render
 from nros_conformance.report.results import Report, ReportError, read_reports, same_suites
+from nros_conformance.report.table import assemble
 from nros_conformance.report.web import page
 from nros_conformance.suite.loader import Suites, load_suites
+from nros_conformance.suite.published import Published, load_published
 
 _BLOCK = re.compile(r"(<!-- matrix: table[^>]*-->\n).*?(<!-- /matrix -->)", re.DOTALL)
 _TABLE = re.compile(r"<!-- ANCHOR: table -->\n(\|.*?)\n\n", re.DOTALL)
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    """Merge the reports and write the table; with ``--check`` compare it instead."""
+    """Merge the reports and write the table; with ``--check`` or ``--diff`` compare it instead."""
     suites = load_suites(options.suites)
     reports = read_reports(options.results)
     _same_suites_as_here(reports[0].digest, suites, options.results)
     same_suites({report.row: report for report in reports})
+    if options.diff is not None:
+        print(
+            changes(
+                read_old(options.diff, suites.levels), of_table(assemble(reports, suites.levels)), str(options.diff)
+            )
+        )
+        return ExitCode.OK
+    published = load_published(suites.directory, suites.levels)
     if options.check:
-        return _check(options, reports, suites)
-    text = render(reports, suites.levels)
+        return _check(options, reports, suites, published)
+    text = render(reports, suites.levels, published=published)
     options.output.write_text(text, encoding="utf-8")
     print(f"written  {options.output}")
     if options.html is not None:
         options.html.parent.mkdir(parents=True, exist_ok=True)
-        options.html.write_text(page(reports, suites.levels, statements=_statements(suites)), encoding="utf-8")
+        options.html.write_text(
+            page(reports, suites.levels, statements=_statements(suites), published=published), encoding="utf-8"
+        )
         print(f"written  {options.html}")
     if options.readme is not None:
         readme = options.readme.read_text(encoding="utf-8")
@@ -39,12 +52,14 @@ def run(options: argparse.Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-def _check(options: argparse.Namespace, reports: Sequence[Report], suites: Suites) -> ExitCode:
+def _check(
+    options: argparse.Namespace, reports: Sequence[Report], suites: Suites, published: Published | None
+) -> ExitCode:
     try:
         existing = options.output.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ReportError(f"{options.output}: there is no such file; write it: nros-conformance matrix") from None
-    differences = check(existing, reports, suites.levels)
+    differences = check(existing, reports, suites.levels, published=published)
     if options.readme is not None:
         readme = options.readme.read_text(encoding="utf-8")
         if _with_table(options.readme, readme, existing) != readme:

@@ -35,6 +35,8 @@ def run(options: argparse.Namespace) -> ExitCode:
     )  # fmt: skip
     chosen = selection.choose(suites)
     backends, codes = _backends(options.backend)
+    if not backends:
+        return strongest([*codes, ExitCode.NOTHING])
     say = _say if not options.json else _silent
     say(terminal.opening(__version__, suites, selection, len(chosen)))
     say(f"host     {check_host()}")

@@ -8,6 +8,7 @@ from nros_conformance.judge.index import CALLS, Index
 from nros_conformance.judge.intervals import Interval, decide
 from nros_conformance.rmw.codes import PUBLISHED_ERRORS, ReturnCode
 from nros_conformance.suite import schema
+from nros_conformance.suite.policies import unsupported
 from nros_conformance.trace.records import Act
 
 
@@ -101,6 +102,35 @@ def agrees(index: Index, expected: schema.Agrees) -> Judged:
         return Judged("none" if index.whole else "unclear", wanted, got)
     got = f"{expected.agrees} {_answers(asked)}, {expected.with_} {_answers(registered)}"
     return Judged("pass", wanted, got, at=registered[0].begin)
+
+
+def admitted(index: Index, expected: schema.Admitted) -> Judged:
+    """Creating the entity answered INCOMPATIBLE_QOS if the declaration says that a policy is unsupported, else OK."""
+    name = expected.admitted
+    qos = index.scenario.entities[name.partition("[")[0]].qos
+    lacking = unsupported(qos, index.header.declares.get("unsupported") or ())
+    answer = ReturnCode.INCOMPATIBLE_QOS if lacking else ReturnCode.OK
+    wanted = f"creating {name} answers {answer.name}" + (f" for {' and '.join(lacking)}" if lacking else "")
+    creations = _creations(index, name)
+    if not creations:
+        return Judged("none" if index.whole else "unclear", wanted, f"{name} was not created")
+    wrong = next((act for act in creations if act.result != answer), None)
+    deciding = wrong or creations[0]
+    return Judged("fail" if wrong else "pass", wanted, told(deciding), at=deciding.begin)
+
+
+def measured(index: Index, expected: schema.Measured) -> Judged:
+    """By how much a quantity, such as the processor time of the process in ns, grew between two measurements."""
+    most = expected.at_most.ns(index.quantities)
+    wanted = f"{expected.measured} grows by at most {expected.at_most} from {expected.from_} to {expected.to}"
+    values: list[float] = []
+    for label in (expected.from_, expected.to):
+        found = [one for one in index.measures if (one.label, one.what) == (label, expected.measured)]
+        if not found:
+            return not_made(index, label)._replace(wanted=wanted)
+        values.append(found[-1].value)
+    grown = round(values[1] - values[0])
+    return Judged(decide(grown > most, False), wanted, milliseconds(grown), grown - most)
 
 
 def takes(index: Index, expected: schema.Takes) -> Judged:

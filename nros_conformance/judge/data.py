@@ -29,7 +29,7 @@ def _count(number: int) -> str:
 # --- received -------------------------------------------------------------------------------------
 
 
-def received(index: Index, expected: schema.Received) -> Judged:
+def received(index: Index, expected: schema.Received | schema.ReceivedGiven) -> Judged:
     """Which samples of a label the takes of a subscription returned: in order of publishing, each once."""
     amount = {"all": "all samples", "none": "no sample"}.get(str(expected.is_)) or (
         _count(expected.is_) if isinstance(expected.is_, int) else ""
@@ -50,7 +50,9 @@ def received(index: Index, expected: schema.Received) -> Judged:
     )
 
 
-def _received(index: Index, expected: schema.Received, entity: str, published: Sequence[Act]) -> Judged:
+def _received(
+    index: Index, expected: schema.Received | schema.ReceivedGiven, entity: str, published: Sequence[Act]
+) -> Judged:
     messages = [one for _, one in index.messages.get(entity, ()) if one.label == expected.received]
     disorder = _disorder(index, messages)
     if disorder is not None and expected.is_ != "none":
@@ -180,6 +182,10 @@ def _published(
     surely: set[tuple[str, int]] = set()
     perhaps: set[tuple[str, int]] = set()
     for _, act in index.all_acts:
-        if act.op == "publish" and act.entity in publishers and act.result == 0 and act.end > since.lo:
-            (surely if act.begin >= since.hi else perhaps).add(_named(act))
+        if act.op != "publish" or act.entity not in publishers or act.result != 0:
+            continue
+        if act.begin >= since.hi:
+            surely.add(_named(act))
+        elif act.end >= since.lo:
+            perhaps.add(_named(act))
     return surely, perhaps

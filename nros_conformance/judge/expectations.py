@@ -21,7 +21,7 @@ def _names(of: _Of) -> str:
     return of if isinstance(of, str) else ", ".join(of)
 
 
-_JUDGES: dict[type[schema.Base], _Entry] = {
+JUDGES: dict[type[schema.Base], _Entry] = {
     schema.Never: (lambda one: f"never {_names(one.never)} of {_names(one.of)}", events.never),
     schema.Periodic: (lambda one: f"periodic {one.periodic} of {one.of}", events.periodic),
     schema.Total: (lambda one: f"total {one.total} of {one.of}", events.total),
@@ -35,21 +35,25 @@ _JUDGES: dict[type[schema.Base], _Entry] = {
     schema.Callbacks: (lambda one: f"callbacks {one.callbacks}", callbacks.callbacks),
     schema.Takes: (lambda one: f"takes {one.takes}", calls.takes),
     schema.AnyOf: (lambda one: f"any of {len(one.any_of)} groups", lambda index, one: _any_of(index, one)),
-    schema.GapGiven: (lambda one: f"given gap {one.gap}", givens.gap),
+    schema.Admitted: (lambda one: f"admitted {one.admitted}", calls.admitted),
+    schema.Measured: (lambda one: f"measured {one.measured} from {one.from_} to {one.to}", calls.measured),
+    schema.GapGiven: (lambda one: f"given gap {_names(one.gap)}", givens.gap),
+    schema.ReceivedGiven: (lambda one: f"given received {one.received} of {one.of}", data.received),
     schema.ReturnsGiven: (lambda one: f"given returns {one.returns}", givens.returns),
     schema.DrivenGiven: (lambda one: f"given driven {one.driven}", givens.driven),
 }
+"""How each of them is named, and who judges it."""
 
 
 def name_of(part: schema.Base) -> str:
     """How the suite states it: ``periodic RequestedDeadlineMissed of listener``."""
-    return _JUDGES[type(part)][0](part)
+    return JUDGES[type(part)][0](part)
 
 
 def judge_part(index: Index, part: schema.Base) -> Judged:
     """An expectation or condition; ``none`` when one of its moments did not occur in a whole trace."""
     try:
-        return _JUDGES[type(part)][1](index, part)
+        return JUDGES[type(part)][1](index, part)
     except NoSuchMoment as missing:
         return Judged("none", got=str(missing))
 

@@ -12,6 +12,7 @@ from nros_conformance.judge.index import Index
 from nros_conformance.judge.intervals import INF, Interval
 from nros_conformance.judge.moments import resolve
 from nros_conformance.suite import schema
+from nros_conformance.trace.records import Act
 
 
 def gap(index: Index, given: schema.GapGiven) -> Judged:
@@ -23,21 +24,27 @@ def gap(index: Index, given: schema.GapGiven) -> Judged:
     for label in labels:
         if not index.acts_of(label):
             return not_made(index, label)._replace(outcome="unclear", wanted=wanted)
-    acts = sorted((act for label in labels for act in index.acts_of(label)), key=lambda act: act.begin)
+    acts = [act for label in labels for act in index.acts_of(label)]
+    # Actions may overlap, so their order is open; the n-th of them still lies between the n-th begin and the n-th end.
+    begins, ends = sorted(acts, key=lambda act: act.begin), sorted(acts, key=lambda act: act.end)
     most = given.max.ns(index.quantities) if given.max is not None else INF
     least = given.min.ns(index.quantities) if given.min is not None else -INF
     widest = 0
-    for before, after in pairwise(acts):
-        between = Interval(after.begin - before.end, after.end - before.begin)
+    for (earliest, following), (latest, last) in zip(pairwise(begins), pairwise(ends), strict=True):
+        between = Interval(following.begin - latest.end, last.end - earliest.begin)
         widest = max(widest, between.hi)
-        where = f"between {before.label}[{before.index}] and {after.label}[{after.index}], {clock(index, after.end)}"
+        where = f"between {_which(earliest)} and {_which(following)}, {clock(index, last.end)}"
         if between.hi > most:
             got = f"up to {milliseconds(between.hi)} {where}"
-            return Judged("unclear", wanted, got, between.hi - most, after.end)
+            return Judged("unclear", wanted, got, between.hi - most, last.end)
         if between.lo < least:
             got = f"down to {milliseconds(between.lo)} {where}"
-            return Judged("unclear", wanted, got, between.lo - least, after.end)
+            return Judged("unclear", wanted, got, between.lo - least, last.end)
     return Judged("pass", wanted, f"{milliseconds(widest)} at most")
+
+
+def _which(act: Act) -> str:
+    return f"{act.label}[{act.index}]"
 
 
 def returns(index: Index, given: schema.ReturnsGiven) -> Judged:

@@ -15,6 +15,7 @@ from nros_conformance.trace.records import (
     Event,
     FaultRecord,
     Matched,
+    Measure,
     Message,
     Registered,
     Spin,
@@ -70,13 +71,14 @@ class Index:
         self.states: Placed[State] = []
         self.matched: list[Matched] = []
         self.blinds: list[Blind] = []
+        self.measures: list[Measure] = []
         self.calls: dict[str, Placed[Act]] = {}
         self.by_kind: dict[tuple[str, int], list[Seen]] = {}
         self._spins: dict[str, Placed[Spin]] = {}
         self._drives: dict[str, Drives] = {}
         self._arrange(trace)
         self.script_end = self._script_end(trace)
-        self.script_place = self.all_acts[-1][0] if self.all_acts else -1
+        self.script_place = max((place for place, act in self.all_acts if not act.within), default=-1)
         """Position of the last action: what stands before it belongs to the script."""
         names: dict[str, tuple[str, ...]] = {}
         for name, entity in scenario.entities.items():
@@ -96,6 +98,9 @@ class Index:
                     self.events.append(seen)
                     self.by_kind.setdefault((record.entity, record.kind), []).append(seen)
                     news.setdefault(record.session, []).append((place, record.t))
+                case Spin() if record.raised:
+                    # An exception of a callback ended it: nothing had to be delivered by its end.
+                    news.pop(record.session, None)
                 case Spin():
                     since = news.pop(record.session, [])
                     if not record.callbacks:
@@ -105,7 +110,7 @@ class Index:
                 case Act():
                     self.all_acts.append((place, record))
                     self.acts.setdefault(record.label, []).append((place, record))
-                    if record.session:
+                    if record.session and not record.within:
                         news.pop(record.session, None)
                         if record.op in CALLS:
                             self.calls.setdefault(record.session, []).append((place, record))
@@ -123,13 +128,15 @@ class Index:
                     self.all_faults.append((place, record))
                 case Blind():
                     self.blinds.append(record)
+                case Measure():
+                    self.measures.append(record)
         for acts in self.acts.values():
             if len(acts) > 1:
                 acts.sort(key=lambda placed: placed[1].index)
 
     def _script_end(self, trace: Trace) -> Interval:
         """When the script was through; what follows is the clearing up."""
-        ends = [act.end for _, act in self.all_acts] + [fault.end for _, fault in self.all_faults]
+        ends = [act.end for _, act in self.all_acts if not act.within] + [fault.end for _, fault in self.all_faults]
         last = max(ends, default=None)
         if not self.whole:
             return EVER if last is None else Interval(last, INF)
@@ -152,6 +159,11 @@ class Index:
         if spec is None:
             return ""
         return spec.session or ("pub" if spec.publisher is not None else "sub")
+
+    def is_preset(self, entity: str) -> bool:
+        """Whether the harness has preset counters of an entity, so that they do not start from zero."""
+        names = {entity, entity.partition("[")[0], self.session_of(entity)}
+        return any(fault.fault == "preset" and fault.of in names for _, fault in self.all_faults)
 
     def drives(self, session: str) -> Drives:
         """The delivery opportunities of a session."""
@@ -185,7 +197,7 @@ class Index:
         On a virtual clock many calls share one instant, so the positions decide first.
         """
         calls = self.calls.get(act.session, [])
-        after = max((other for other, _ in calls if other < position), default=-1)
+        after = max((other for other, one in calls if other < position and one.end <= act.begin), default=-1)
         drives = self.drives(act.session)
 
         def belongs(place: int, session: str, t: int) -> bool:

@@ -31,12 +31,10 @@ def _series(index: Index, *, liveliness: bool) -> Iterator[Sequence[Seen]]:
 
     Left out: entities whose counters the harness preset, and those with events that went unseen.
     """
-    preset = {fault.of for _, fault in index.all_faults if fault.fault == "preset"}
     for (entity, kind), events in index.by_kind.items():
         if (kind == EventKind.LIVELINESS_CHANGED) is not liveliness or kind not in tuple(EventKind):
             continue
-        session = index.session_of(entity)
-        if preset & {entity, session, ""} or index.blind(session):
+        if index.is_preset(entity) or index.blind(index.session_of(entity)):
             continue
         rest = list(events)
         for reborn in [place for place, state in index.states if state.entity == entity and state.what == "created"]:
@@ -131,6 +129,14 @@ def _on_driver(index: Index) -> Judged:
         if seen.event.thread != seen.event.driver:
             got = f"{shown(index, seen)}, on another thread"
             return Judged("fail", wanted, got, at=seen.event.t)
+    return Judged("pass", wanted, times(len(index.events))) if index.events else _NO_EVENT._replace(wanted=wanted)
+
+
+def _alone(index: Index) -> Judged:
+    wanted = "callbacks of a session one after the other"
+    for seen in index.events:
+        if seen.event.nested:
+            return Judged("fail", wanted, f"{shown(index, seen)}, inside another callback", at=seen.event.t)
     return Judged("pass", wanted, times(len(index.events))) if index.events else _NO_EVENT._replace(wanted=wanted)
 
 
@@ -272,6 +278,7 @@ INVARIANTS = (
     Invariant("liveliness counts are possible", "CNT-005", presence.possible),
     Invariant("callbacks only inside drive_io", "DSP-001", _inside_drive),
     Invariant("callbacks on the driving thread", "DSP-002", _on_driver),
+    Invariant("no callback within another", "DSP-003", _alone),
     Invariant("silence after destroy", "DSP-004", _silent_after_destroy),
     Invariant("callbacks as registered", "REG-006", _as_registered),
     Invariant("published return codes", "ROB-003", _codes),

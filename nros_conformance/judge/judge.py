@@ -19,6 +19,7 @@ from nros_conformance.judge.findings import Judged
 from nros_conformance.judge.index import Index, MissingQuantity
 from nros_conformance.judge.invariants import INVARIANTS
 from nros_conformance.judge.results import Finding, Verdict, VerdictName
+from nros_conformance.judge.standing import answered
 from nros_conformance.suite.loader import typed
 from nros_conformance.trace.records import End, Trace
 
@@ -33,7 +34,8 @@ def judge(trace: Trace) -> Verdict:
         return Verdict(verdict="error", reason=f"the harness failed: {end.detail}")
     try:
         index = Index(trace, typed(trace.header.scenario))
-        conditions = [_excused(_condition(index, one), {}, None, index) for one in index.scenario.given]
+        conditions = [*_faults(index), *(_condition(index, one) for one in index.scenario.given)]
+        conditions = [_excused(one, {}, None, index) for one in conditions]
         expected = [_finding(name_of(one), one.requirements, judge_part(index, one)) for one in index.scenario.expect]
     except FormatError as error:
         return Verdict(verdict="error", reason=f"the embedded {error}")
@@ -79,9 +81,21 @@ def _verdict(
     return "pass", ""
 
 
+def _faults(index: Index) -> list[Finding]:
+    """A condition for each fault that the backend would not inject, although it is declared."""
+    refused = [fault for _, fault in index.all_faults if fault.detail.get("code", 0) != 0]
+    return [
+        _finding(
+            f"given fault {one.fault}", (),
+            Judged("unclear", f"{one.fault} is injected", answered(one.label, one.detail["code"]), at=one.begin),
+        )
+        for one in refused
+    ]  # fmt: skip
+
+
 def _condition(index: Index, given: object) -> Finding:
     judged = judge_part(index, given)  # type: ignore[arg-type]
-    if judged.outcome == "none":
+    if judged.outcome != "pass":
         judged = judged._replace(outcome="unclear")
     return _finding(name_of(given), (), judged)  # type: ignore[arg-type]
 

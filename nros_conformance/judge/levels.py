@@ -141,9 +141,9 @@ def _shown_at_return(
     """Whether a call of drive_io in the window returned with this value although another one was due."""
     drives = index.drives_of(entity)
     if certainly:
-        due = since.hi + index.late
+        due = max(since.hi + index.late, 1 - INF)  # -INF is no call at all
         return step.until.lo > due and drives.surely(step.next_position, step.until.lo, until.lo, step.position) >= due
-    due = since.lo + index.late
+    due = max(since.lo + index.late, 1 - INF)
     return step.until.hi > due and drives.maybe(step.next_position, step.until.hi, until.hi, step.position) >= due
 
 

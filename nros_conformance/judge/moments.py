@@ -60,6 +60,8 @@ def call_of(index: Index, moment: Moment, session: str) -> int | None:
     if moment.offset.terms or moment.edge == "begin" or moment.label not in index.acts:
         return None
     placed = index.acts[moment.label]
+    if not index.whole and (moment.index is None or moment.index < 0):
+        return None
     if not -len(placed) <= (moment.index if moment.index is not None else -1) < len(placed):
         return None
     position, act = placed[-1 if moment.index is None else moment.index]

@@ -17,6 +17,9 @@ from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import History, Liveliness, QosProfile, is_finite
 
 Id: TypeAlias = Hashable
+NUMBERS = 2**32
+"""The wire numbers the samples of a publisher with u32, wrapping (MSL-008)."""
+
 Topic: TypeAlias = tuple[int, str, str]
 """Domain, topic name, type name: what has to be equal for two entities to meet."""
 
@@ -88,6 +91,8 @@ class _Subscription:
     requested: _Periodic
     queue: list[Sample] = dataclasses.field(default_factory=list)
     heard: dict[Id, int] = dataclasses.field(default_factory=dict)
+    history: list[Sample] = dataclasses.field(default_factory=list)
+    """Samples of before it existed: delivered, never lost (MSL-004)."""
 
 
 class World:
@@ -117,6 +122,7 @@ class World:
                 found.append(Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, change))
                 subscription.heard[publisher_id] = publisher.sequence
                 if subscription.qos.durability:
+                    subscription.history += publisher.history
                     for sample in publisher.history:
                         found += self._deliver(id_, subscription, sample, at_ns)
         return found
@@ -142,11 +148,11 @@ class World:
         publisher = self._publishers[id_]
         found += self._assert(publisher, at_ns)
         publisher.offered.restart(at_ns)
-        publisher.sequence += 1
+        publisher.sequence = (publisher.sequence + 1) % NUMBERS
         lifespan = _ns(publisher.qos.lifespan_ms)
         sample = Sample(id_, publisher.sequence, NEVER if lifespan is None else at_ns + lifespan, data)
         if publisher.qos.durability:
-            publisher.history = [*publisher.history, sample][-publisher.qos.depth :]
+            publisher.history = [*publisher.history, sample][-max(publisher.qos.depth, 1) :]
         if not lost:
             for subscription_id, subscription in self._subscriptions.items():
                 if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
@@ -169,6 +175,29 @@ class World:
         queue = self._subscriptions[id_].queue
         _expire(queue, at_ns)
         return queue[0] if queue else None
+
+    def waits(self, id_: Id, sample: Sample, at_ns: int) -> bool:
+        """Whether this sample can still be taken."""
+        queue = self._subscriptions[id_].queue
+        _expire(queue, at_ns)
+        return any(one is sample for one in queue)
+
+    def newest(self, id_: Id, publisher: Id) -> Sample | None:
+        """What this publisher sent last, if it came and can still be taken."""
+        last = (self._publishers[publisher].sequence, publisher)
+        queue = self._subscriptions[id_].queue
+        return next((one for one in reversed(queue) if (one.sequence, one.publisher) == last), None)
+
+    def preset(self, id_: Id, number: int) -> None:
+        """Move the numbers of all publishers of an entity's topic to ``number``. Nothing is lost by it."""
+        topic = (self._publishers.get(id_) or self._subscriptions[id_]).topic
+        for publisher_id, publisher in self._publishers.items():
+            if publisher.topic == topic:
+                shift = number - publisher.sequence
+                publisher.sequence = number % NUMBERS
+                for subscription in self._subscriptions.values():
+                    if publisher_id in subscription.heard:
+                        subscription.heard[publisher_id] = (subscription.heard[publisher_id] + shift) % NUMBERS
 
     def set_deadline(self, id_: Id, period_ms: int) -> None:
         """A period given only at registration; it counts from the next sample on (C04)."""
@@ -235,17 +264,19 @@ class World:
 
     def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
         found = []
-        gap = sample.sequence - subscription.heard.get(sample.publisher, 0) - 1
-        if gap > 0:
-            found.append(Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (gap,)))
-        subscription.heard[sample.publisher] = max(sample.sequence, subscription.heard.get(sample.publisher, 0))
+        step = (sample.sequence - subscription.heard.get(sample.publisher, 0)) % NUMBERS
+        if step <= NUMBERS // 2:  # else it is older, from the history of before the subscription
+            if step > 1:
+                found.append(Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (step - 1,)))
+            subscription.heard[sample.publisher] = sample.sequence
         subscription.requested.restart(at_ns)
         queue = subscription.queue
         _expire(queue, at_ns)
         queue.append(sample)
-        if subscription.qos.history is History.KEEP_LAST and len(queue) > subscription.qos.depth:
-            del queue[0]
-            found.append(Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (1,)))
+        if subscription.qos.history is History.KEEP_LAST and len(queue) > max(subscription.qos.depth, 1):
+            dropped = queue.pop(0)
+            if not any(dropped is one for one in subscription.history):
+                found.append(Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (1,)))
         return found
 
 

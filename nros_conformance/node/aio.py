@@ -5,7 +5,8 @@ used from two threads at once. So the event loop's own thread drives, in short l
 (``drive_io(0)``), and sleeps in between; callbacks, awaits and the application's calls then share one
 thread, as in ``spin_async`` of nano-ros. A thread that waits in ``drive_io`` would save the looks, but
 run the callbacks beside the loop, and publish, take and drive on one session from two threads.
-The price is latency: up to ``every`` plus the loop's own. Measured with ``every`` = 1 ms, idle: 4 % of a core.
+The price is latency, up to ``every`` plus the loop's own, and the looks: one idle session with ``every`` = 1 ms
+took 3 % of a core, with 5 ms 1 to 2 % (reference, uORB and Cyclone DDS, Python 3.11).
 
 On a virtual clock the wait costs nothing and is done inside ``drive_io``; time of the loop itself, as of
 ``asyncio.sleep`` and timeouts, stays real.

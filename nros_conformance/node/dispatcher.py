@@ -43,7 +43,7 @@ class Dispatcher:
         self.ran = 0
         self._polled: list[_Polled] = []
         self._raised: deque[Exception] = deque()
-        self._driving = False
+        self.driving = False
 
     def add_subscription(
         self, subscription: Subscription, callback: DataCallback, max_size: int = MAX_SAMPLE
@@ -79,17 +79,15 @@ class Dispatcher:
     def drive(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
         """Drive the session once, at most ``timeout_ms``; the return code of ``drive_io``.
 
-        From inside a callback nothing is done, WOULD_BLOCK (DSP-003). Raises what a callback raised; of
-        several exceptions one, and each of the others in a drive of its own, in their order. Raises
-        `RmwError` BUFFER_TOO_SMALL for a sample beyond ``max_size``.
+        Not to be called from inside a callback, when ``driving`` is true (DSP-003). Raises what a callback
+        raised; of several exceptions one, and each of the others in a drive of its own, in their order.
+        Raises `RmwError` BUFFER_TOO_SMALL for a sample beyond ``max_size``.
         """
-        if self._driving:
-            return ReturnCode.WOULD_BLOCK
-        self._driving = True
+        self.driving = True
         try:
             code = self._drive(timeout_ms, max_callbacks)
         finally:
-            self._driving = False
+            self.driving = False
         if self._raised:
             raise self._raised.popleft()
         return code

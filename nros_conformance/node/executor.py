@@ -41,25 +41,24 @@ class Executor:
         self._next = 0
         nodes = [one for one in driven if isinstance(one, Node)]
         self.clock = clock or (nodes[0].clock if nodes else MonotonicClock())
-
-    @property
-    def ran(self) -> int:
-        """Callbacks, messages and events together, of the last spin."""
-        return self._ran if len(self._dispatchers) > 1 else self._dispatchers[0].ran
-
-    _ran = 0
+        self.ran = 0
+        """Callbacks of the last spin, messages and events together."""
 
     def spin_once(self, timeout: timedelta | int = 0, max_callbacks: int | None = None) -> int:
         """Wait for something to do, at most ``timeout``, and dispatch what is ready; at least looks once.
 
         ``timeout``: a timedelta (a fraction of 1 ms rounds up), or whole milliseconds as ``drive_io``
         takes them. At most ``max_callbacks`` run; what is left runs in later spins. The return code of
-        ``drive_io``: OK, or the first failure. Raises what a callback raised.
+        ``drive_io``: OK, or the first failure; WOULD_BLOCK and nothing else from inside a callback
+        (DSP-003). Raises what a callback raised.
         """
         timeout_ms = _timeout_ms(timeout)
+        if any(dispatcher.driving for dispatcher in self._dispatchers):
+            return int(ReturnCode.WOULD_BLOCK)
+        self.ran = 0
         if len(self._dispatchers) == 1:
-            return int(self._dispatchers[0].drive(timeout_ms, max_callbacks))
-        return self._take_turns(timeout_ms, max_callbacks)
+            return int(self._drive(self._dispatchers[0], timeout_ms, max_callbacks))
+        return int(self._take_turns(timeout_ms, max_callbacks))
 
     def spin(
         self, duration: timedelta | int | None = None, *, until: Callable[[], bool] | None = None,
@@ -122,21 +121,23 @@ class Executor:
     def _take_turns(self, timeout_ms: int, max_callbacks: int | None) -> int:
         order = self._dispatchers[self._next :] + self._dispatchers[: self._next]
         self._next = (self._next + 1) % len(self._dispatchers)
-        self._ran = 0
         left_ms = max(timeout_ms, 0)
         while True:
             for dispatcher in order:
-                cap = None if max_callbacks is None else max(max_callbacks - self._ran, 0)
-                wait_ms = 0 if self._ran else min(TURN_MS, left_ms)
+                cap = None if max_callbacks is None else max(max_callbacks - self.ran, 0)
+                wait_ms = 0 if self.ran else min(TURN_MS, left_ms)
                 left_ms -= wait_ms
-                try:
-                    code = dispatcher.drive(wait_ms, cap)
-                finally:
-                    self._ran += dispatcher.ran
+                code = self._drive(dispatcher, wait_ms, cap)
                 if code != ReturnCode.OK:
-                    return int(code)
-            if self._ran or not left_ms:
+                    return code
+            if self.ran or not left_ms:
                 return ReturnCode.OK
+
+    def _drive(self, dispatcher: Dispatcher, timeout_ms: int, max_callbacks: int | None) -> int:
+        try:
+            return dispatcher.drive(timeout_ms, max_callbacks)
+        finally:
+            self.ran += dispatcher.ran
 
 
 def _timeout_ms(timeout: timedelta | int) -> int:

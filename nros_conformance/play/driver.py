@@ -26,6 +26,19 @@ _REST_NS = 1 * MS
 """A quiet drive_io that returned at once is followed by this pause, or the loop would burn a core."""
 
 
+class StopPlay(Exception):
+    """The play ends here: ``outcome`` and ``detail`` of the `End` record."""
+
+    def __init__(self, outcome: str, detail: str) -> None:
+        super().__init__(detail)
+        self.outcome = outcome
+        self.detail = detail
+
+
+class Scripted(Exception):
+    """Raised by a callback because the script says so; the text is the label of the step."""
+
+
 class Command:
     """A call to make at ``due`` on the session's thread. ``record`` False keeps it out of the trace."""
 
@@ -66,6 +79,8 @@ class Driver:
         self.after_drive: list[Callable[[], None]] = []
         """Called on this thread after every drive: takes of ``take: always``."""
         self.inside = False
+        self.running = 0
+        """Callbacks that have not returned yet."""
         self.spins = 0
         self.callbacks = 0
         self.thread = 0
@@ -78,6 +93,7 @@ class Driver:
         self._signal = clock.signal()
         self._stopped = False
         self._quiet: Spin | None = None
+        self._held: list[AnyRecord] = []
         self._delay_at_spin = 0
         self.task = clock.spawn(f"session {name}", self._loop)
 
@@ -107,14 +123,18 @@ class Driver:
         """How long this thread was runnable but not running since the drive_io in progress began, ns."""
         return self.clock.run_delay_ns() - self._delay_at_spin
 
-    def drive(self, timeout_ms: int, cap: int | None = None, call: Callable[[], int] | None = None) -> int:
-        """One drive_io (or ``call`` in its place), recorded; on this thread only."""
+    def drive(self, timeout_ms: int, cap: int | None = None, call: Callable[[], int] | None = None) -> int | None:
+        """One drive_io (or ``call`` in its place), recorded; on this thread only.
+
+        None when a callback of the script raised and the backend let that out, as it may (DSP-012).
+        """
         assert self.session is not None
         before = self.callbacks
         self.spins += 1
         self._delay_at_spin = self.clock.run_delay_ns()
         begin = self.clock.now_ns()
         self.inside = True
+        code, wait, raised = 0, 0, ""
         try:
             if call is not None:
                 code = call()
@@ -122,11 +142,30 @@ class Driver:
                 code = self.session.drive_io(timeout_ms)
             else:
                 code = self.session.drive_io(timeout_ms, cap)
+        except Exception as error:
+            raised = _scripted(error)
+            if not raised:
+                raise
         finally:
-            self.inside = False
             end = self.clock.now_ns()
-        self._note(begin, end, end - self.wait_in_spin(), self.callbacks - before, int(code))
-        return code
+            wait = self.wait_in_spin()
+            self.inside = False
+            for record in self._held:
+                self.record(record)
+            self._held.clear()
+        self._note(begin, end, wait, self.callbacks - before, int(code), raised)
+        return None if raised else int(code)
+
+    def keep(self, record: AnyRecord) -> None:
+        """Write a record down, but not before the drive in progress is over.
+
+        Writing gives the GIL away, and getting it back may take long: a status that falls due meanwhile
+        would miss this drive, through no fault of the backend.
+        """
+        if self.inside and self.clock.task_id() == self.thread:
+            self._held.append(record)
+        else:
+            self.record(record)
 
     def flush(self) -> None:
         """Write down the quiet spins so far."""
@@ -142,7 +181,7 @@ class Driver:
                 due = self._mailbox[0][0] if self._mailbox else NEVER
                 command = heapq.heappop(self._mailbox)[2] if due <= self.clock.now_ns() else None
             if command is not None:
-                self._execute(command)
+                self.execute(command)
             elif self._stopped and due == NEVER:
                 break
             elif self.background and self.session is not None:
@@ -168,10 +207,12 @@ class Driver:
         if (self.callbacks == before and now - begin < min(timeout_ms * MS, _REST_NS) // 2) or timeout_ms == 0:
             self.clock.wait(self._signal, min(due, now + _REST_NS))
 
-    def _execute(self, command: Command) -> None:
+    def execute(self, command: Command, within: str = "") -> None:
+        """Make a call now and write it down; on this thread only. ``within``: the callback that makes it."""
         raised = ""
         if command.record:
             self.flush()  # a drive that the script calls is a record of its own
+        outer, delay = self.calling, self.clock.run_delay_ns()
         command.begin = self.clock.now_ns()
         self.calling = (command.op, command.begin)
         try:
@@ -179,27 +220,30 @@ class Driver:
         except RmwError as error:
             command.result = int(error.code)
             command.args["detail"] = error.detail
+        except StopPlay as stop:
+            self._failed(stop.outcome, stop.detail)
         except Exception as error:
             raised = describe(command.op, error)
         finally:
-            self.calling = None
+            self.calling = outer
         command.end = self.clock.now_ns()
+        wait = self.clock.run_delay_ns() - delay
         if command.record:
             self.flush()
-            self.record(
+            self.keep(
                 Act(
                     label=command.label, index=command.index, op=command.op, session=self.name, entity=command.entity,
                     args=command.args, due=command.due, begin=command.begin, end=command.end,
-                    result=command.result, raised=raised,
+                    result=command.result, raised=raised, wait=wait, within=within,
                 )
             )  # fmt: skip
         if raised:
             self._failed("raised", raised)
         command.done.set()
 
-    def _note(self, begin: int, end: int, sure: int, callbacks: int, code: int) -> None:
-        quiet = self._quiet
-        if quiet is not None and (quiet.code != code or callbacks or end - quiet.begin > _QUIET_NS):
+    def _note(self, begin: int, end: int, wait: int, callbacks: int, code: int, raised: str) -> None:
+        quiet, sure = self._quiet, end - wait
+        if quiet is not None and (quiet.code != code or callbacks or raised or end - quiet.begin > _QUIET_NS):
             self.flush()
             quiet = None
         gap = begin - quiet.end if quiet else 0
@@ -212,10 +256,20 @@ class Driver:
             callbacks=callbacks,
             code=code,
             gap=max(gap, quiet.gap) if quiet else gap,
+            longest=max(end - begin, quiet.longest) if quiet else end - begin,
+            wait=max(wait, quiet.wait) if quiet else wait,
+            raised=raised,
         )
         self._quiet = merged
-        if callbacks:
+        if callbacks or raised:
             self.flush()
+
+
+def _scripted(error: BaseException | None) -> str:
+    """The label of the step that raised, also when the backend wrapped it; empty for an error of its own."""
+    while error is not None and not isinstance(error, Scripted):
+        error = error.__cause__
+    return str(error) if error is not None else ""
 
 
 def describe(call: str, error: Exception) -> str:

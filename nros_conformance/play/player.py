@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 import msgspec
 
-from nros_conformance.play.driver import describe
+from nros_conformance.play.driver import StopPlay, describe
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.script import Script
-from nros_conformance.play.stage import Stage, StopPlay
+from nros_conformance.play.stage import Stage
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.clock import Clock, VirtualClock
 from nros_conformance.suite.loader import typed
 from nros_conformance.trace.records import AnyRecord, End, Header
 
+_OPEN: AbstractContextManager[None] = nullcontext()
 
-def play(plan: Plan, adapter: type[Backend], clock: Clock, write: Callable[[Header | AnyRecord], None]) -> End:
+
+def play(
+    plan: Plan, adapter: type[Backend], clock: Clock, write: Callable[[Header | AnyRecord], None],
+    gate: AbstractContextManager[object] = _OPEN,
+) -> End:  # fmt: skip
     """Play one scenario; ``write`` gets the header, every record as it happens, and the end.
+
+    ``gate`` is held while the stage is set up.
 
     Whatever the backend does ends up in the trace; nothing is raised but interrupts. On a
     `VirtualClock` the call has to come from inside `VirtualClock.run`.
@@ -32,8 +40,10 @@ def play(plan: Plan, adapter: type[Backend], clock: Clock, write: Callable[[Head
             stage = Stage(plan, scenario, adapter, clock, write)
         except Exception as error:
             raise StopPlay("raised", describe(adapter.__name__, error)) from error
-        stage.open()
-        Script(stage, start).play(scenario.script)
+        script = Script(stage, start)  # before anything can call back
+        with gate:
+            stage.open()
+        script.play(scenario.script)
     except StopPlay as stop:
         outcome, detail = stop.outcome, stop.detail
     except Exception as error:

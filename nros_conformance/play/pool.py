@@ -122,7 +122,11 @@ class Pool:
         self._casualty(Casualty(what, detail, tuple(watch.in_flight)))
         if len(suspects) == 1:
             plan = suspects[0]
-            with TraceWriter(Path(plan.trace), append=True) as writer:
+            file = Path(plan.trace)
+            begun = file.is_file() and b"\n" in file.read_bytes()
+            with TraceWriter(file, append=begun) as writer:
+                if not begun:  # it died before it had written anything
+                    writer.write(plan.header)
                 writer.write(End(outcome=what, t=time.monotonic_ns(), detail=detail))
             self._ended(Ended(plan, what, 0.0))
         return watch.done, suspects

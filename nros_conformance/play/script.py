@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from nros_conformance.play import payload
-from nros_conformance.play.driver import Command, Driver
-from nros_conformance.play.stage import Actor, Stage, StopPlay
-from nros_conformance.rmw.backend import Publisher, Subscription
+from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
+from nros_conformance.play.faults import Injector
+from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import KIND_BY_LABEL, Side
 from nros_conformance.rmw.qos import INFINITE_MS
 from nros_conformance.suite import schema
 from nros_conformance.suite.moments import Moment
-from nros_conformance.suite.walk import steps
-from nros_conformance.trace.records import Act, Matched
+from nros_conformance.suite.walk import base_name, steps
+from nros_conformance.trace.records import Act, Matched, Measure
 
 
 class Script:
@@ -28,6 +31,12 @@ class Script:
         self._start = start_ns
         self._performed: dict[str, list[Command]] = {}
         self._names = {id(step): step.as_ or f"#{n}" for n, (_, step) in enumerate(steps(stage.scenario), 1)}
+        self._injector = Injector(stage, lambda actor, label, args: self._publish(actor, label, None, args))
+        self._reacted: Counter[int] = Counter()
+        """Callbacks so far, by the number of the reaction."""
+        self._made: Counter[str] = Counter()
+        """Calls that reactions have made so far, by label."""
+        stage.react = self._react
 
     def play(self, script: Sequence[Any]) -> None:
         """Play them one after the other. Raises `StopPlay`."""
@@ -44,8 +53,10 @@ class Script:
                     self._mark(label, "parallel", begin)
                 case schema.Settle():
                     self._mark(label, "settle", begin, self._settle())
+                case schema.Measure():
+                    self._measure(label, begin, step.what)
                 case schema.Fault():
-                    raise StopPlay("error", f"the fault {step.fault} cannot be injected yet")
+                    self._post([self._injector.command(step, label, begin)], label)
                 case _:
                     self._do(step, label, begin)
 
@@ -62,6 +73,12 @@ class Script:
         command.done.set()
         self._performed[label] = [command]
         self.stage.record(Act(label=label, op=op, due=begin, begin=begin, end=command.end, result=result))
+
+    def _measure(self, label: str, begin: int, what: str) -> None:
+        value = time.process_time_ns()
+        self._mark(label, "measure", begin)
+        end = self.clock.now_ns()
+        self.stage.record(Measure(label=label, what=what, value=value, begin=begin, end=end))
 
     def _idle(self, label: str, begin: int, duration: int) -> None:
         driven = [driver for driver in self.stage.drivers.values() if driver.background]
@@ -97,7 +114,7 @@ class Script:
         stage = self.stage
         code = ReturnCode.OK
         bound = stage.quantities["discovery_bound"]
-        actors = [actor for actor in stage.actors.values() if actor.handle is not None]
+        actors = [actor for actor in stage.actors.values() if actor.handle is not None and not actor.gone]
         for publisher in (actor for actor in actors if actor.side is Side.PUBLISHER):
             for subscription in (actor for actor in actors if actor.side is Side.SUBSCRIPTION):
                 if not _meet(publisher, subscription, stage):
@@ -141,31 +158,70 @@ class Script:
             lead = max((driver.slice_ms * MS for driver, _ in posts if driver.background), default=0)
             for _, command in posts:
                 command.due += lead
-        self._performed[label] = [command for _, command in posts]
         resumed: list[Driver] = []
         if isinstance(step, schema.Call | schema.Spin):
             resumed = [driver for driver in dict.fromkeys(driver for driver, _ in posts) if driver.background]
             for driver in resumed:
                 driver.background = False
-        for driver, command in posts:
-            driver.post(command)
-        self.stage.finish([command for _, command in posts], allowance)
+        self._post(posts, label, allowance)
         for driver in resumed:
             driver.resume()
 
-    def _calls(self, step: Any, label: str) -> list[tuple[Driver, str, str, dict[str, Any], Callable[[], Any]]]:
-        """(driver, entity, op, arguments, call) of one turn of a step: one per addressed entity."""
+    def _post(self, posts: list[tuple[Driver, Command]], label: str, allowance: int = 0) -> None:
+        """Have the calls of a step made, and wait until they are."""
+        self._performed[label] = [command for _, command in posts]
+        for driver, command in posts:
+            driver.post(command)
+        self.stage.finish([command for _, command in posts], allowance)
+
+    def _react(self, actor: Actor, kind: int, registration: str) -> None:
+        """Do in a callback what the script says; on its thread."""
+        for number, reaction in enumerate(self.stage.scenario.react):
+            if int(KIND_BY_LABEL[reaction.to]) != kind or reaction.of not in (actor.name, base_name(actor.name)):
+                continue
+            self._reacted[number] += 1
+            if self._reacted[number] > reaction.times:
+                continue
+            for step in reaction.script:
+                self._do_within(step, actor, registration)
+
+    def _do_within(self, step: Any, actor: Actor, registration: str) -> None:
+        label, driver, clock = self._names[id(step)], actor.driver, self.clock
+        if isinstance(step, schema.Raise):
+            command = Command(
+                clock, clock.now_ns(), lambda: None, op="raise", label=label, index=self._made[label],
+                entity=actor.name,
+            )  # fmt: skip
+            self._made[label] += 1
+            driver.execute(command, registration)
+            raise Scripted(label)
+        for _ in range(step.times if isinstance(step, schema.Repeated) else 1):
+            for _, entity, op, args, run in self._calls(step, label, within=True):
+                command = Command(
+                    clock, clock.now_ns(), run, op=op, label=label, index=self._made[label], entity=entity, args=args
+                )  # fmt: skip
+                self._made[label] += 1
+                driver.execute(command, registration)
+
+    def _calls(
+        self, step: Any, label: str, *, within: bool = False
+    ) -> list[tuple[Driver, str, str, dict[str, Any], Callable[[], Any]]]:
+        """(driver, entity, op, arguments, call) of one turn of a step: one per addressed entity.
+
+        ``within`` a callback a drive_io is no spin: nothing is due to be delivered by it.
+        """
         stage = self.stage
         match step:
             case schema.Call():
                 driver, timeout = stage.drivers[step.session], step.timeout.ns(stage.quantities) // MS
-                return [(driver, "", "drive", {"timeout_ms": timeout}, lambda: int(driver.drive(timeout)))]
+                drive = _session(driver).drive_io if within else driver.drive
+                return [(driver, "", "drive", {"timeout_ms": timeout}, lambda: drive(timeout))]
             case schema.Spin():
                 driver, timeout = stage.drivers[step.session], step.timeout.ns(stage.quantities) // MS
                 executor = stage.executors[step.session]
 
-                def spin() -> int:
-                    return int(driver.drive(timeout, call=lambda: executor.spin_once(timeout, step.cap)))
+                def spin() -> int | None:
+                    return driver.drive(timeout, call=lambda: executor.spin_once(timeout, step.cap))
 
                 return [(driver, "", "spin", {"timeout_ms": timeout, "cap": step.cap}, spin)]
             case schema.Destroy(of=name) if name in stage.drivers:
@@ -235,6 +291,11 @@ class Script:
             when = (chosen[0].begin if moment.edge == "begin" else chosen[-1].end) + offset
         self.stage.sleep_until(when)
         return max(when, self.clock.now_ns())
+
+
+def _session(driver: Driver) -> Session:
+    assert driver.session is not None
+    return driver.session
 
 
 def _meet(publisher: Actor, subscription: Actor, stage: Stage) -> bool:

@@ -8,26 +8,17 @@ from collections.abc import Callable
 
 from nros_conformance.node.executor import Executor
 from nros_conformance.play import payload
-from nros_conformance.play.driver import Command, Driver
+from nros_conformance.play.driver import Command, Driver, StopPlay
 from nros_conformance.play.plan import Plan
 from nros_conformance.rmw.backend import Backend, Host, Publisher, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS, Clock
-from nros_conformance.rmw.codes import RmwError, code_name
+from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
 from nros_conformance.suite.kinds import registered_kinds
 from nros_conformance.suite.walk import members, session_of, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
-
-
-class StopPlay(Exception):
-    """The play ends here: ``outcome`` and ``detail`` of the `End` record."""
-
-    def __init__(self, outcome: str, detail: str) -> None:
-        super().__init__(detail)
-        self.outcome = outcome
-        self.detail = detail
 
 
 @dataclasses.dataclass(slots=True)
@@ -39,6 +30,8 @@ class Actor:
     driver: Driver
     index: int
     handle: Publisher | Subscription | None = None
+    gone: bool = False
+    """Destroyed, itself or with its session; the handle stays, for calls on stale handles."""
     sequence: int = 0
 
     @property
@@ -85,6 +78,9 @@ class Stage:
         self.actors: dict[str, Actor] = {}
         self.labels: list[str] = []
         self.executors: dict[str, Executor] = {}
+        self.react: Callable[[Actor, int, str], None] = lambda actor, kind, registration: None
+        """Told of each status callback while it runs: whose, of which kind and registration."""
+        self._closed: set[str] = set()
         self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
         self._cast()
 
@@ -155,39 +151,45 @@ class Stage:
 
     def open(self) -> None:
         """Create the sessions, then the entities that are not deferred, in the order of the scenario."""
-        for name, driver in self.drivers.items():
-            self._open_session(name, driver)
+        for driver in self.drivers.values():
+            self.perform(driver, "create_session", lambda driver=driver: self._connect(driver))  # type: ignore[misc]
         for actor in self.actors.values():
             if not actor.spec.deferred and actor.driver.session is not None:
                 self.perform(actor.driver, "create", lambda actor=actor: self.create(actor))  # type: ignore[misc]
 
-    def _open_session(self, name: str, driver: Driver) -> None:
+    def _connect(self, driver: Driver) -> None:
+        """Create a session; on its thread."""
+        name = driver.name
         spec = self.scenario.sessions.get(name, schema.Session())
-        options = SessionOptions(node_name=spec.node or name, domain_id=spec.domain)
-
-        def create() -> None:
-            begin = self.clock.now_ns()
-            code, detail = 0, ""
-            try:
-                driver.session = self.backend.create_session(options)
-                if name in self._spun_sessions:
-                    self.executors[name] = Executor(driver.session)
-            except RmwError as error:
-                code, detail = int(error.code), error.detail
-            what = "created" if code == 0 else "refused"
-            end = self.clock.now_ns()
-            self.record(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
-            if code and not spec.may_fail:
-                self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
-            driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
-            driver.background = code == 0 and spec.driven
-
-        self.perform(driver, "create_session", create)
+        begin = self.clock.now_ns()
+        code, detail = 0, ""
+        try:
+            driver.session = self.backend.create_session(
+                SessionOptions(node_name=spec.node or name, domain_id=spec.domain)
+            )
+            if name in self._spun_sessions:
+                self.executors[name] = Executor(driver.session)
+        except RmwError as error:
+            code, detail = int(error.code), error.detail
+        what = "created" if code == 0 else "refused"
+        end = self.clock.now_ns()
+        driver.keep(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
+        if code and not spec.may_fail:
+            self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
+        driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
+        driver.background = code == 0 and spec.driven
 
     def create(self, actor: Actor) -> int:
-        """Create an entity and register its events; on its session's thread. The return code."""
+        """Create an entity and register its events; on its session's thread. The return code.
+
+        If its session has been destroyed, that is created anew before.
+        """
+        if actor.driver.name in self._closed:
+            self._closed.remove(actor.driver.name)
+            self._connect(actor.driver)
         session = actor.driver.session
-        assert session is not None
+        if session is None:
+            return int(ReturnCode.CONNECTION_FAILED)
         topic = actor.topic if actor.spec.raw else f"/nrcf{self.run_tag:x}/{actor.topic}"
         type_name = f"nros_conformance_msgs/msg/{actor.spec.type}"
         begin = self.clock.now_ns()
@@ -196,10 +198,11 @@ class Stage:
             qos = qos_profile(actor.spec.qos, self.quantities)
             maker = session.create_publisher if actor.side is Side.PUBLISHER else session.create_subscription
             actor.handle = maker(topic, type_name, qos)
+            actor.gone = False
         except RmwError as error:
             code, detail = int(error.code), error.detail
         what = "created" if code == 0 else "refused"
-        self.record(
+        actor.driver.keep(
             State(
                 entity=actor.name, session=actor.driver.name, what=what, code=code, detail=detail,
                 begin=begin, end=self.clock.now_ns(),
@@ -219,13 +222,17 @@ class Stage:
             driver, entity = self.drivers[name], ""
             driver.background = False
             code = int(driver.session.destroy()) if driver.session is not None else 0
+            self._closed.add(name)
+            for actor in self.actors.values():
+                actor.gone |= actor.driver is driver
         else:
             actor = self.actors[name]
             driver, entity = actor.driver, name
             code = int(actor.created().destroy())
+            actor.gone |= code == 0
         end = self.clock.now_ns()
         driver.flush()
-        self.record(State(entity=entity, session=driver.name, what="destroyed", code=code, begin=begin, end=end))
+        driver.keep(State(entity=entity, session=driver.name, what="destroyed", code=code, begin=begin, end=end))
         return code
 
     def close(self) -> None:
@@ -264,7 +271,7 @@ class Stage:
             label = f"{actor.name}/{kind.label}"
             deadline = self.registration_deadline_ms(actor) if kind.is_deadline else 0
             code = handle.register_event(int(kind), deadline, self.callback(actor, label), label)
-            self.record(
+            actor.driver.keep(
                 Registered(
                     registration=label, entity=actor.name, session=actor.driver.name, kind=int(kind),
                     supports=bool(supports), code=int(code), begin=begin, end=self.clock.now_ns(),
@@ -272,7 +279,7 @@ class Stage:
             )  # fmt: skip
 
     def callback(self, actor: Actor, registration: str) -> EventCallback:
-        """The callback to register: it writes down what it was called with, and nothing else."""
+        """The callback to register: it writes down what it was called with, and does what the script asks."""
         driver = actor.driver
 
         def on_event(kind: int, status: EventStatus, context: object) -> None:
@@ -280,18 +287,24 @@ class Stage:
             thread = self.clock.task_id()
             own = thread == driver.thread
             inside = driver.inside and own
+            nested = driver.running > 0
             driver.callbacks += own
             if actor.driver.name in self.executors:
                 self.executors[actor.driver.name].note_callback()
-            self.record(
+            driver.keep(
                 Event(
                     registration=registration, kind=int(kind), entity=actor.name, session=driver.name,
                     context=str(context), process=os.getpid(), thread=thread, driver=driver.thread,
-                    spin=driver.spins if inside else -1, inside_drive=inside, t=t,
+                    spin=driver.spins if inside else -1, inside_drive=inside, nested=nested, t=t,
                     wait=driver.wait_in_spin() if inside else 0,
                     status={name: int(value) for name, value in status._asdict().items()},
                 )
             )  # fmt: skip
+            driver.running += 1
+            try:
+                self.react(actor, kind, registration)
+            finally:
+                driver.running -= 1
 
         return on_event
 
@@ -312,7 +325,9 @@ class Stage:
 
     def _spun(self, actor: Actor, data: bytes) -> None:
         actor.driver.callbacks += 1
+        actor.driver.running += 1
         self.message(actor, data, callback=True)
+        actor.driver.running -= 1
 
     def take(self, actor: Actor, limit: int | None, size: int) -> int:
         """Take up to ``limit`` samples; how many, or the code when there was none."""
@@ -333,7 +348,7 @@ class Stage:
         identity = payload.decode(data)
         ours = identity is not None and identity.run == self.run_tag
         sender = list(self.actors)[identity.publisher] if ours and identity else ""
-        self.record(
+        actor.driver.keep(
             Message(
                 session=actor.driver.name, entity=actor.name, t=t, publisher=sender,
                 sequence=identity.sequence if ours and identity else 0,

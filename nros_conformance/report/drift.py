@@ -2,6 +2,10 @@
 
 Only conclusive observations count: what this run could not decide or exercise contradicts nothing,
 and versions are ignored.
+
+Of the section beside a table that others have published, the part that rests on that table alone has to
+be there as it is. The rest follows from cells, which are compared by themselves; it is compared as well
+when these cells say the same, so that nobody edits it.
 """
 
 from __future__ import annotations
@@ -11,18 +15,18 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from msgspec import Struct
 
-from nros_conformance.report import codes
+from nros_conformance.report import codes, printed
+from nros_conformance.report import published as beside
 from nros_conformance.report.cells import DEGREE, Cell
 from nros_conformance.report.columns import Column
-from nros_conformance.report.markdown import prose, read_tables
+from nros_conformance.report.evidence import Evidence
+from nros_conformance.report.markdown import prose
 from nros_conformance.report.results import Report
 from nros_conformance.report.table import Row, Table, assemble, shown
+from nros_conformance.suite.published import Published
 
-_CORNERS = ("Backend, what ran", "Connection", "Connection and patterns")
-_LABEL = re.compile(r"\*\*(?P<title>.*)\*\*(?:, (?P<kind>\w+))?$")
 _KEY = re.compile(r"`([^`]+)`")
 _COUNT = re.compile(r"(?:(?P<n>\d+)/)?(?P<m>\d+)")
-_NOTE = re.compile(r"- `(?P<key>[^`]+)` (?P<text>.*)$")
 _REQUIREMENT = re.compile(r"[A-Z]{3}-\d{3}")
 _SHOWN_BY = re.compile(r" Shown by (?P<scenarios>`[^`]+`(?:, `[^`]+`)*)\.")
 _KNOWN_IN = re.compile(r"Known in [^;]*;")
@@ -37,49 +41,38 @@ class _Printed(Struct, frozen=True):
     keys: frozenset[str]
 
 
-def check(existing: str, reports: Iterable[Report], requirements: Mapping[str, str]) -> list[str]:
+def check(
+    existing: str, reports: Iterable[Report], requirements: Mapping[str, str], *, published: Published | None = None
+) -> list[str]:
     """What the text of a ``matrix.md`` says otherwise than these reports; empty when nothing.
 
-    Raises `ReportError` for reports that do not merge.
+    ``published`` as for `matrix.render`. Raises `ReportError` for reports that do not merge.
     """
     table = assemble(reports, requirements)
-    published = _published(existing)
-    if not published:
+    old = printed.rows(existing)
+    if not old:
         return ["there is no table in it; write it with: nros-conformance matrix"]
-    notes = {match["key"]: match["text"] for match in map(_NOTE.match, existing.splitlines()) if match}
+    notes = printed.notes(existing)
     found: list[str] = []
     for row in table.rows:
-        cells = published.get(prose(row.title))
+        cells = old.get(prose(row.title))
         if cells is None:
             found.append(f"{row.title}: no such row is published")
         else:
             found += _row(row, table, cells, notes)
-    found += _rows_without_report(published, table)
+    found += _rows_without_report(old, table)
     found += _notes(notes, table)
     found += _codes(existing, table)
     found += _should(existing, table)
+    if published is not None and table.rows:
+        found += _beside(existing, table, published)
     return found
-
-
-def _published(text: str) -> dict[str, dict[str, str]]:
-    """By title and by header; the kind of the subject under ``what ran``."""
-    rows: dict[str, dict[str, str]] = {}
-    for header, *body in read_tables(text):
-        if header[0] not in _CORNERS:
-            continue
-        for first, *cells in body:
-            if match := _LABEL.match(first):
-                row = rows.setdefault(match["title"], {})
-                row.update(zip(header[1:], cells, strict=False))
-                if match["kind"]:
-                    row["what ran"] = match["kind"]
-    return rows
 
 
 def _row(row: Row, table: Table, published: Mapping[str, str], notes: Mapping[str, str]) -> Iterator[str]:
     kind = row.report.declaration.subject.kind
-    if published.get("what ran") != kind:
-        yield f"{row.title}: published as {published.get('what ran', 'nothing')}, this is {kind}"
+    if published.get(printed.RAN) != kind:
+        yield f"{row.title}: published as {published.get(printed.RAN, 'nothing')}, this is {kind}"
     for column in table.columns:
         cell, old = row.cell(column.id), published.get(prose(column.title))
         if old is None:
@@ -143,13 +136,7 @@ def _scenarios(text: str) -> frozenset[str]:
 
 
 def _codes(existing: str, table: Table) -> Iterator[str]:
-    published = {
-        match["title"]: dict(zip(header[1:], cells, strict=False))
-        for header, *body in read_tables(existing)
-        if header[:2] == codes.HEADER[:2]
-        for first, *cells in body
-        if (match := _LABEL.match(first))
-    }
+    published = printed.return_codes(existing)
     for row in table.rows:
         old = published.get(prose(row.title), {})
         for name, new in zip(codes.HEADER[1:], codes.rows(row.report), strict=True):
@@ -178,3 +165,33 @@ def _should(existing: str, table: Table) -> Iterator[str]:
                 yield f"{row.title}: the finding on {one.requirement} (should) is not published"
             elif published and one.standing == "holds":
                 yield f"{row.title}: the finding on {one.requirement} (should) is published, but it holds"
+
+
+def _beside(existing: str, table: Table, published: Published) -> Iterator[str]:
+    old = printed.section(existing, beside.TITLE)
+    if not old:
+        yield f'there is no section "{beside.TITLE}" in it'
+        return
+    new = printed.section(beside.section(table, published), beside.TITLE)
+    rows = printed.rows(existing)
+    same_rows = set(rows) == {prose(row.title) for row in table.rows}
+    if not (same_rows and _same_cells(rows, table, published)):
+        lasting = [beside.not_run(published), *([beside.intro(table, published)] if same_rows else ())]
+        new = [line for line in new if line in lasting]
+        old = [line for line in old if line in new]
+    yield from (f"{beside.TITLE.lower()}: published {line!r}, which is not so" for line in old if line not in new)
+    yield from (f"{beside.TITLE.lower()}: not published: {line!r}" for line in new if line not in old)
+
+
+def _same_cells(rows: Mapping[str, Mapping[str, str]], table: Table, published: Published) -> bool:
+    """Whether all cells that are compared are printed as they were observed, and what decides was exercised."""
+    titles = {column.kind: prose(column.title) for column in table.columns}
+    return all(
+        rows[prose(one.row.title)].get(titles[one.kind]) == shown(one.cell)
+        and not any(rule.applies and not rule.exercised for rule in _details(one))
+        for one in beside.compare(table, published)
+    )
+
+
+def _details(one: beside.Compared) -> Iterator[Evidence]:
+    return (one.row.found[detail.holds] for detail in one.documented.details)

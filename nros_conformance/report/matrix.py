@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from nros_conformance.report import codes, gaps, markdown
+from nros_conformance.report import published as beside
 from nros_conformance.report.cells import DEGREE, CellId, fires
 from nros_conformance.report.drift import check
 from nros_conformance.report.markdown import prose, sentence
 from nros_conformance.report.results import Control, Report
 from nros_conformance.report.table import Row, Table, assemble, label, merge, shown
 from nros_conformance.rmw.events import EventKind
+from nros_conformance.suite.published import Published
 
 __all__ = ["check", "merge", "render"]
 
@@ -55,12 +57,14 @@ SUBJECTS: Mapping[str, str] = {
 
 
 def render(
-    reports: Iterable[Report], requirements: Mapping[str, str], *, mutation: Mapping[str, tuple[int, int]] | None = None
-) -> str:
+    reports: Iterable[Report], requirements: Mapping[str, str], *,
+    mutation: Mapping[str, tuple[int, int]] | None = None, published: Published | None = None,
+) -> str:  # fmt: skip
     """The text of ``matrix.md``.
 
     ``requirements``: id to level (must, should, may). ``mutation``: planted defects caught and planted,
-    by group of requirements (``LVC``). Raises `ReportError` for reports that do not merge.
+    by group of requirements (``LVC``). ``published``: what others have published, to put beside the rows.
+    Raises `ReportError` for reports that do not merge.
     """
     table = assemble(reports, requirements)
     parts = [_HEAD]
@@ -69,6 +73,7 @@ def render(
     parts.append("<!-- ANCHOR: table -->\n" + "\n\n".join(_tables(table)) + "\n<!-- ANCHOR_END: table -->\n")
     if table.rows:
         parts += [_speaks_for(table), _notes(table), codes.section(table)]
+        parts += [beside.section(table, published)] if published is not None else []
     parts += [gaps.section(table, mutation or {}), f"{control_line(table)}\n", _versions(table)]
     return "\n".join(parts)
 

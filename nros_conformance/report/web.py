@@ -12,11 +12,13 @@ from importlib.resources import files
 from string import Template
 
 from nros_conformance.report import codes, gaps, matrix
+from nros_conformance.report import published as beside
 from nros_conformance.report.cells import Cell, stimuli
 from nros_conformance.report.columns import Column
 from nros_conformance.report.evidence import Evidence, Standing
 from nros_conformance.report.results import Report, ScenarioResult
 from nros_conformance.report.table import Row, Table, assemble
+from nros_conformance.suite.published import Published
 
 _PAGE = Template("""\
 <!doctype html>
@@ -59,17 +61,18 @@ _SAFE = ("https://", "http://", "#")
 
 def page(
     reports: Iterable[Report], requirements: Mapping[str, str], *, statements: Mapping[str, str] | None = None,
-    mutation: Mapping[str, tuple[int, int]] | None = None,
+    mutation: Mapping[str, tuple[int, int]] | None = None, published: Published | None = None,
 ) -> str:  # fmt: skip
-    """The page. ``requirements``: id to level; ``statements``: id to text; ``mutation`` as for `matrix.render`.
+    """The page. ``requirements``: id to level; ``statements``: id to text; the others as for `matrix.render`.
 
     Raises `ReportError` for reports that do not merge.
     """
     table = assemble(reports, requirements)
-    main = [*_tables(table), *_notes(table), *_codes(table), *_gaps(table, mutation or {}), *_versions(table)]
+    main = [*_tables(table), *_notes(table), *_codes(table), *_published(table, published)]
+    main += [*_gaps(table, mutation or {}), *_versions(table)]
     main += _evidence(table, statements or {})
     style = files("nros_conformance.report").joinpath("web.css").read_text(encoding="utf-8")
-    return _PAGE.substitute(style=style, lead="\n".join(_lead(table)), nav=_nav(table), main="\n".join(main))
+    return _PAGE.substitute(style=style, lead="\n".join(_lead(table)), nav=_nav(table, published), main="\n".join(main))
 
 
 def markup(text: str) -> str:
@@ -105,8 +108,9 @@ def _lead(table: Table) -> Iterator[str]:
         yield f"<p>{markup(matrix.no_row(report))}</p>"
 
 
-def _nav(table: Table) -> str:
+def _nav(table: Table, published: Published | None) -> str:
     rows = {"notes": "Notes", "codes": "Return codes"} if table.rows else {}
+    rows |= {"published": "Published table"} if table.rows and published is not None else {}
     targets = rows | {"gaps": "Gaps", "versions": "Versions"} | ({"evidence": "Evidence"} if table.rows else {})
     return " ".join(f'<a href="#{target}">{title}</a>' for target, title in targets.items())
 
@@ -219,6 +223,18 @@ def _codes(table: Table) -> Iterator[str]:
         yield '<section><h2 id="codes">Return codes observed</h2>'
         yield f"<p>{markup(codes.sentence(table))}</p>"
         yield _plain(codes.HEADER, codes.table(table.rows))
+        yield "</section>"
+
+
+def _published(table: Table, published: Published | None) -> Iterator[str]:
+    if table.rows and published is not None:
+        yield f'<section><h2 id="published">{beside.TITLE}</h2>'
+        yield f"<p>{markup(beside.intro(table, published))}</p>"
+        if rows := beside.differing(table, published):
+            yield _plain(beside.HEADER, rows)
+        yield f"<p>{markup(beside.count(table, published))}</p>"
+        if read := beside.not_run(published):
+            yield f"<p>{markup(read)}</p>"
         yield "</section>"
 
 

@@ -13,7 +13,7 @@ import abc
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
@@ -188,6 +188,22 @@ class Backend(abc.ABC):
         Called from the harness while other threads drive both sessions.
         """
         return None
+
+    def inject(self, fault: str, **arguments: Any) -> int:
+        """Inject a fault that the declaration lists under ``[faults]``; OK, or why not.
+
+        Called on the thread of the session that it hits, outside of callbacks.
+
+        - ``lose``, ``duplicate``, ``reorder`` (``entity``: a publisher, ``count``, ``publish``): call
+          ``publish()`` so often; none of these samples arrives, each arrives twice, the last one arrives
+          first. Afterwards all is as before.
+        - ``preset`` (``entity``, ``count``, ``kind``: int or None): the total (alive_count) of that event
+          on this entity becomes ``count``, as if so much had been reported; for None the number by which
+          losses are found, of the entity's topic, so that the next sample follows it. Nothing is lost.
+        - ``partition`` (``session``): nothing passes between it and the others any more, in either
+          direction; ``heal`` (``session``) ends that. Declared together, as ``partition``.
+        """
+        return ReturnCode.UNSUPPORTED
 
     def versions(self) -> Mapping[str, str]:
         """Name and version of the middleware packages in use, for the report."""

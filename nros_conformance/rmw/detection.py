@@ -13,7 +13,7 @@ from typing import Protocol
 from nros_conformance.rmw.clock import NEVER
 from nros_conformance.rmw.events import CountStatus, EventStatus, LivelinessChangedStatus
 
-U32 = 2**32
+U16, U32 = 2**16, 2**32
 
 
 class Source(Protocol):
@@ -45,6 +45,10 @@ class CountTracker:
         self.total += count
         if self._since is None:
             self._since = at_ns
+
+    def preset(self, total: int) -> None:
+        """The fault ``preset``: a total as if so much had been counted; what is pending stays pending."""
+        self.total, self._reported = total, self._reported + total - self.total
 
     @property
     def ready_ns(self) -> int | None:
@@ -121,11 +125,16 @@ class GapTracker:
         self._last.pop(publisher, None)
 
 
+def _i16(change: int) -> int:
+    return max(-U16 // 2, min(change, U16 // 2 - 1))
+
+
 class LivelinessTally:
     """Numbers of alive and not alive publishers, and what of them has been reported (CNT-004).
 
     The change fields are differences against the last report, so transitions that cancel out
-    between two reports leave no callback (CNT-003).
+    between two reports leave no callback (CNT-003). At the limits of u16 and i16 they saturate; a
+    publisher that comes still shows in the change (CNT-007).
     """
 
     def __init__(self) -> None:
@@ -146,6 +155,11 @@ class LivelinessTally:
         elif self._since is None:
             self._since = at_ns
 
+    def preset(self, alive: int) -> None:
+        """The fault ``preset``: an alive_count as if so many had come; what is pending stays pending."""
+        reported, not_alive = self._reported
+        self.alive, self._reported = alive, (reported + alive - self.alive, not_alive)
+
     @property
     def ready_ns(self) -> int | None:
         return self._since
@@ -155,7 +169,12 @@ class LivelinessTally:
             return None
         alive, not_alive = self._reported
         self._reported, self._since = (self.alive, self.not_alive), None
-        return LivelinessChangedStatus(self.alive, self.not_alive, self.alive - alive, self.not_alive - not_alive)
+        return LivelinessChangedStatus(
+            min(self.alive, U16 - 1),
+            min(self.not_alive, U16 - 1),
+            _i16(self.alive - alive),
+            _i16(self.not_alive - not_alive),
+        )
 
 
 class LivelinessCounter(LivelinessTally):

@@ -127,10 +127,14 @@ class EventRegistry:
         self._message = None if callback is None else (callback, context)
         return ReturnCode.OK
 
-    def message(self, at_ns: int) -> None:
-        """A sample that can be taken arrived at ``at_ns``."""
+    def message(self, at_ns: int, waits: Callable[[], bool] | None = None) -> None:
+        """A sample that can be taken arrived at ``at_ns``; ``waits()``: whether it still can.
+
+        Without ``waits`` the callback runs as long as any sample can be taken. In a flood that overruns
+        the queue that is for ever, and an event that became ready later waits behind it (DSP-009).
+        """
         if self._message is not None:
-            self._queue.push(at_ns, self._call_message)
+            self._queue.push(at_ns, lambda: self._call_message(waits or self._has_data))
 
     def poll(self) -> None:
         """Queue a callback for every registered kind whose source has something to report."""
@@ -161,8 +165,8 @@ class EventRegistry:
         registration.callback(int(kind), status, registration.context)
         return True
 
-    def _call_message(self) -> bool:
-        if self._message is None or not self._has_data():
+    def _call_message(self, waits: Callable[[], bool]) -> bool:
+        if self._message is None or not waits():
             return False
         callback, context = self._message
         callback(context)

@@ -13,8 +13,10 @@ from nros_conformance.rmw.events import KIND_BY_LABEL, CountStatus, EventKind, L
 from nros_conformance.suite import schema
 from nros_conformance.suite.anchors import check_anchors
 from nros_conformance.suite.catalogue import Requirements
+from nros_conformance.suite.injections import check_injection, publishes
 from nros_conformance.suite.kinds import expected_entities, expected_kinds
 from nros_conformance.suite.names import Names, word
+from nros_conformance.suite.reactions import check_reactions
 from nros_conformance.suite.walk import base_name, expectations, fields, givens, moments, parts, session_of, steps
 
 ANSWERS = (*(code.name for code in ReturnCode), "ANY_ERROR", "DATA", "true", "false")
@@ -32,10 +34,12 @@ _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]]
     schema.GapGiven: (("gap", _ANSWERING),),
     schema.Agrees: (("agrees", (schema.Supports,)), ("with", (schema.Register,))),
     schema.Received: (("received", (schema.Publish,)),),
+    schema.ReceivedGiven: (("received", (schema.Publish,)),),
     schema.Inside: (("inside", _CALLS),),
     schema.Callback: (("callback", (schema.Register,)),),
     schema.Callbacks: (("callbacks", _CALLS),),
     schema.Takes: (("takes", (*_ANSWERING, schema.Settle)),),
+    schema.Measured: (("from", (schema.Measure,)), ("to", (schema.Measure,))),
 }
 """Which fields name labels, and of which steps."""
 
@@ -63,6 +67,7 @@ class _Check:
             self._entity(("entities", name), name, entity)
         for path, step in steps(self.scenario):
             self._step(path, step)
+        check_reactions(self.names)
         self._sessions_are_used()
         for path, given in givens(self.scenario):
             self._given(path, given)
@@ -132,6 +137,10 @@ class _Check:
             self.names.check_entities((*path, "of"), [step.of], others=sessions)
         if isinstance(step, schema.Create):
             self._create((*path, "entity"), base_name(step.entity))
+        if isinstance(step, schema.Fault):
+            check_injection(self.names, path, step)
+        if isinstance(step, schema.Measure):
+            self._measure(path)
 
     def _create(self, path: Path_, name: str) -> None:
         entity = self.scenario.entities[name]
@@ -139,10 +148,19 @@ class _Check:
         if not entity.deferred and not gone & {name, session_of(entity)}:
             raise self.error(path, f"{name!r} exists from the start", "add deferred: true to the entity")
 
+    def _measure(self, path: Path_) -> None:
+        """Processor time is that of a process, and virtual time costs none."""
+        needs = self.scenario.needs
+        if needs.process != "own" or needs.clock != "real":
+            raise self.error(
+                path, "others share the process, or time is virtual", "add needs: {process: own, clock: real}"
+            )
+
     # --- what is expected ---------------------------------------------------------------------------
 
     def _given(self, path: Path_, given: schema.Base) -> None:
         self._labels(path, given)
+        self.names.check_subjects(path, given)
         if isinstance(given, schema.DrivenGiven):
             self.names.check_session((*path, "driven"), given.driven)
         if isinstance(given, schema.ReturnsGiven):
@@ -162,6 +180,8 @@ class _Check:
             self.names.check_entities((*path, "from"), expectation.from_, Side.PUBLISHER)
         if isinstance(expectation, schema.Returns):
             self._returns(path, expectation)
+        if isinstance(expectation, schema.Admitted):
+            self._admitted((*path, "admitted"), expectation.admitted)
         if isinstance(expectation, schema.AnyOf):
             self._groups((*path, "any_of"), "group", expectation.any_of)
         if isinstance(expectation, schema.Inside):
@@ -174,6 +194,11 @@ class _Check:
             raise self.error(path, "takes without a bound", "add at_most: or at_least:")
         if isinstance(expectation, (schema.Total, schema.Callbacks)):
             self._numbers(path, expectation)
+
+    def _admitted(self, path: Path_, name: str) -> None:
+        self.names.check_entities(path, [name])
+        if not self.scenario.entities[base_name(name)].may_fail:
+            raise self.error(path, f"admitted: {name!r} may not fail", "add may_fail: true to the entity")
 
     def _events(self, path: Path_, expectation: schema.Expectation) -> None:
         """The entities exist, the kinds are of their side, and somebody registers what must fire."""
@@ -230,7 +255,7 @@ class _Check:
             here, named = (*path, key), dict(fields(part))[key]
             for label in named if isinstance(named, list) else [named]:
                 step = self.names.step(here, label)
-                if not isinstance(step, wanted):
+                if not isinstance(step, wanted) and not (schema.Publish in wanted and publishes(step)):
                     words = " or ".join(map(word, wanted)) if len(wanted) <= 2 else "do:"
                     is_ = f"{key}: {label!r} is a step with {word(type(step))}"
                     raise self.error(here, is_, f"name one with {words}")
@@ -240,7 +265,7 @@ class _Check:
         entity, session = self.scenario.entities.get(name), self.scenario.sessions.get(name)
         if not (entity and entity.may_fail) and not (session and session.may_fail):
             step = self.names.step(here, name)
-            if not isinstance(step, _ANSWERING):
+            if not isinstance(step, _ANSWERING) and not publishes(step):
                 raise self.error(here, f"returns: {name!r} is a step with {word(type(step))}, which answers nothing")
         if not part.is_:
             raise self.error((*path, "is"), "is: no answer is listed", "list one or more")

@@ -65,6 +65,8 @@ def build() -> _Json:
         builder.definitions[custom.__name__] = definition
     whole = builder.struct(schema.SuiteFile, {"scenarios": _list("Scenario")})
     lists = {"script": _list("step"), "given": _list("given"), "expect": _list("expectation")}
+    reactions = builder.varying([schema.Reaction], {"script": _list("step")})
+    lists["react"] = {"type": "array", "items": {"anyOf": [*reactions, _ref("parameter")]}}
     parameters = {
         "description": "Parameters: a list of values for each, or a mapping that names the values.",
         "type": "object",

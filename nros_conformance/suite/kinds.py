@@ -12,8 +12,8 @@ from nros_conformance.suite.walk import base_name, expectations, moments, parts,
 def claims_needed(scenario: Scenario) -> frozenset[str]:
     """The kinds that a backend must claim for this scenario to apply.
 
-    Those that a positive expectation (periodic, total, level, inside) or a moment names, and
-    ``needs.claims``.
+    Those that a positive expectation (periodic, total, level, inside), a reaction or a moment names,
+    and ``needs.claims``.
     """
     named = {kind for kind, _, positive in _named(scenario) if positive}
     return frozenset(named | set(scenario.needs.claims))
@@ -22,7 +22,7 @@ def claims_needed(scenario: Scenario) -> frozenset[str]:
 def registered_kinds(scenario: Scenario, entity: str) -> list[str]:
     """The kinds that ``register: expected`` registers on an entity, in the order of their values.
 
-    Those that expectations and moments name for it; ``conserved`` names MessageLost. ``ANY`` and
+    Those that expectations, reactions and moments name for it; ``conserved`` names MessageLost. ``ANY`` and
     ``of: ALL`` add nothing. For one of several, ``crowd[1]``, what names ``crowd`` counts too.
     """
     named = {kind for kind, name, _ in _named(scenario) if name == entity or base_name(entity) == name}
@@ -73,6 +73,8 @@ def _named(scenario: Scenario) -> Iterator[tuple[str, str, bool]]:
         for kind in expected_kinds(expectation):
             for entity in expected_entities(expectation):
                 yield kind, entity, positive
+    for reaction in scenario.react:
+        yield reaction.to, reaction.of, True
     for _, part in parts(scenario):
         for _, moment in moments(part):
             if moment.kind is not None:

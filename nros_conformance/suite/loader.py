@@ -22,6 +22,9 @@ from nros_conformance.suite.schema import Scenario, SuiteFile
 REQUIREMENTS = "requirements.yaml"
 """The file of a suite directory that is no suite. A directory without one uses the catalogue shipped here."""
 
+PUBLISHED = "published.yaml"
+"""Another one (`published`)."""
+
 _SUFFIXES = (".yaml", ".yml")
 
 
@@ -70,7 +73,9 @@ def load_suites(directory: Path | None = None) -> Suites:
     directory = shipped_suites() if directory is None else directory.absolute()
     if not directory.is_dir():
         raise FormatError(directory, None, "no such directory")
-    files = sorted(file for file in directory.iterdir() if file.suffix in _SUFFIXES and file.name != REQUIREMENTS)
+    files = sorted(
+        file for file in directory.iterdir() if file.suffix in _SUFFIXES and file.name not in (REQUIREMENTS, PUBLISHED)
+    )
     if not files:
         raise FormatError(directory, None, "no suite files here", "suites are files that end in .yaml")
     catalogue = directory if (directory / REQUIREMENTS).is_file() else shipped_suites()

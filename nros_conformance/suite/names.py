@@ -23,6 +23,7 @@ SUBJECTS: dict[type[schema.Base], tuple[str, Side | None]] = {
     schema.Create: ("entity", None),
     schema.Level: ("of", Side.SUBSCRIPTION),
     schema.Received: ("of", Side.SUBSCRIPTION),
+    schema.ReceivedGiven: ("of", Side.SUBSCRIPTION),
     schema.Conserved: ("conserved", Side.SUBSCRIPTION),
 }
 """Which field of a step or expectation names its entities, and of which side they must be."""
@@ -145,6 +146,8 @@ class Names:
     def _times(self, step: schema.Step) -> int:
         """How many calls a step makes: one for each entity that it names, each time."""
         times = step.times if isinstance(step, schema.Repeated) else 1
+        if isinstance(step, schema.Fault):
+            times = step.count or 1
         key = "of" if isinstance(step, schema.Destroy) else SUBJECTS.get(type(step), ("", None))[0]
         entity = self.scenario.entities.get(dict(fields(step)).get(key, ""))
         return times * (entity.count if entity else 1)

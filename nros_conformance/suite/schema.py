@@ -397,7 +397,7 @@ class Agrees(Expectation, frozen=True, kw_only=True):
 
 
 class Admitted(Expectation, frozen=True, kw_only=True):
-    """Creating this entity answered OK, or INCOMPATIBLE_QOS if the backend declares a policy of it unsupported."""
+    """Creating this entity answered INCOMPATIBLE_QOS if the backend declares a policy of it unsupported, else OK."""
 
     admitted: EntityName
 

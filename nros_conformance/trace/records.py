@@ -71,6 +71,8 @@ class Act(Record, frozen=True, kw_only=True, tag="act"):
     """What the call raised instead of answering, when it raised something else than `RmwError`."""
     wait: int = 0
     """How long the calling thread was runnable but not running during the call."""
+    within: str = ""
+    """The registration whose callback made the call; empty: the script did."""
 
 
 class Spin(Record, frozen=True, kw_only=True, tag="spin"):
@@ -94,6 +96,8 @@ class Spin(Record, frozen=True, kw_only=True, tag="spin"):
     apart their ends were, for a window that closes while the record goes on."""
     wait: int = 0
     """The longest wait within one of them."""
+    raised: str = ""
+    """What came out of it because a callback raised it at the script's behest; then it answered nothing."""
 
 
 class Event(Record, frozen=True, kw_only=True, tag="event"):
@@ -113,6 +117,8 @@ class Event(Record, frozen=True, kw_only=True, tag="event"):
     spin: int = -1
     """Number of the drive_io call within the session, -1 outside of any."""
     inside_drive: bool
+    nested: bool = False
+    """Whether another callback of this session had not returned yet."""
     t: int
     wait: int = 0
     status: dict[str, int]
@@ -196,6 +202,7 @@ class Measure(Record, frozen=True, kw_only=True, tag="measure"):
 
     label: str
     what: str
+    """``cpu``: the processor time that all its threads have used, ns."""
     value: float
     begin: int
     end: int

@@ -82,8 +82,8 @@ def test_json_is_the_reports_and_nothing_else(tmp_path: Path, capsys: pytest.Cap
     (("--backend", "mqtt"), "no backend 'mqtt'; installed are cyclone, reference, uorb"),
     (("--backend", "uorb", "--scenario", "mqtt.lost"), "no scenario 'mqtt.lost'; see: nros-conformance list scenarios"),
     (
-        ("--backend", "uorb", "--scenario", "rdm.silence"),
-        "no scenario 'rdm.silence'; did you mean 'rdm.silence-after-data'?",
+        ("--backend", "uorb", "--scenario", "rdm.silence-after"),
+        "no scenario 'rdm.silence-after'; did you mean 'rdm.silence-after-data'?",
     ),
     (("--backend", "uorb", "--suite", "registraton"), "no suite 'registraton'; did you mean 'registration'?"),
     (("--backend", "uorb", "--requirement", "RDM-099"), "no requirement 'RDM-099'; did you mean 'RDM-009'?"),

@@ -208,7 +208,7 @@ def gone(dice: Random, load: Load, backend: Change) -> Trace:
         for at, (count, change) in zip(times, steps, strict=False)
     ]
     expect = [
-        {"level": "alive_count", "of": "listener", "is": 0, "until": "come.begin"},
+        {"level": "alive_count", "of": "listener", "is": 0, "until": "come"},
         {"level": "alive_count", "of": "listener", "is": 1, "by": "come + 2T"},
         {"level": "alive_count", "of": "listener", "is": 1, "from": "come + 2T", "until": "go"},
         {"level": "alive_count", "of": "listener", "is": 0, "by": "go + 2T"},

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from nros_conformance.rmw.clock import MS
-from nros_conformance.trace.records import Act, AnyRecord, Event, FaultRecord, Spin, Trace
+from nros_conformance.trace.records import Act, AnyRecord, Event, FaultRecord, Spin, State, Trace
 from tests.judge.build import (
     RDM,
     START,
@@ -168,6 +168,7 @@ def plays() -> st.SearchStrategy[Trace]:
 def narrowed(wide: Trace, seed: int) -> Trace:
     """The same with each act, event and end of a spin somewhere inside of the interval that it had."""
     dice = Dice(seed)
+    began = [one.begin for one in wide.records if isinstance(one, State)]
 
     def within(lo: int, hi: int) -> tuple[int, int]:
         left, right = sorted((dice.randint(0, 4), dice.randint(0, 4)))
@@ -175,7 +176,8 @@ def narrowed(wide: Trace, seed: int) -> Trace:
 
     def narrow(one: AnyRecord) -> AnyRecord:
         if isinstance(one, Event):
-            lo, hi = within(one.t - one.wait, one.t)
+            # An effect stays behind its cause.
+            lo, hi = within(max([one.t - one.wait, *(t for t in began if t <= one.t)]), one.t)
             return replace(one, t=hi, wait=hi - lo)
         if isinstance(one, Spin):
             lo, hi = within(one.sure, one.end)

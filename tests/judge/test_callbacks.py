@@ -117,6 +117,13 @@ def test_callbacks_that_took_nothing_count() -> None:
     assert finding({"callbacks": "back", "at_most": 2}, BEFORE, calls).got == "3 callbacks in back"
 
 
+def test_a_call_within_a_call_hides_nothing_of_the_outer_one() -> None:
+    inner = call("inner", 150, 160)
+    outer = [counted(120, 1), inner, spin(100, 200, callbacks=1), call("long", 100, 200)]
+    assert finding({"callbacks": "long", "at_least": 1, "counting": ["events"]}, BEFORE, outer, REST).outcome == "pass"
+    assert finding({"callbacks": "inner", "at_most": 0}, BEFORE, outer, REST).outcome == "pass"
+
+
 # --- callback -------------------------------------------------------------------------------------
 
 NEVER = {"callback": "reg", "is": "never"}
@@ -171,6 +178,13 @@ def test_with_something_else(expect: dict[str, Any], event: Any, got: str) -> No
     found = finding(SOME | expect, HERE, event)
     assert (found.outcome, found.got) == ("fail", got)
     assert finding(NEVER | expect, HERE, event).outcome == "pass"
+
+
+def test_at_the_end_of_the_script_a_session_may_have_been_driven_a_little_less_long() -> None:
+    nearly = [REG, spins(10, 290), step("rest", 10, 300)]
+    assert finding(SOME, nearly).outcome == "fail"
+    assert finding(SOME, [REG, spins(10, 260), step("rest", 10, 300)]).outcome == "unclear"
+    assert finding(SOME | {"until": "rest.end"}, nearly).outcome == "unclear"
 
 
 WINDOW = {"from": "one", "until": "two"}

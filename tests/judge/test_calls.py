@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from tests.judge.build import act, call, finding, register, spin, state, take, verdict
+from nros_conformance.trace.records import Measure
+from tests.judge.build import act, call, finding, ms, register, spin, state, take, verdict
 
 
 def answer(result: Any, op: str = "register", raised: str = "", index: int = 0) -> Any:
@@ -155,3 +156,68 @@ def test_takes(expect: Any, records: Any, outcome: str, got: str, nearest: float
 def test_takes_in_words() -> None:
     found = finding({"takes": "calls", "at_most": "1T", "at_least": "0.8T"}, call("calls", 0, 90))
     assert (found.name, found.wanted) == ("takes calls", "each call of calls takes at least 0.8T and at most 1T")
+
+
+# --- admitted, measured ---------------------------------------------------------------------------
+
+ADMITTED = {"admitted": "listener"}
+ASKING: dict[str, Any] = {
+    "talker": {"publisher": "sensor"},
+    "listener": {
+        "subscription": "sensor",
+        "may_fail": True,
+        "qos": {"lifespan": "1T", "liveliness": "manual_by_node", "depth": 129, "deadline": "infinite", "lease": "0"},
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("code", "unsupported", "outcome", "answer", "got"),
+    [
+        (0, [], "pass", "OK", "OK (0)"),
+        (-6, [], "fail", "OK", "INCOMPATIBLE_QOS (-6)"),
+        (-6, ["lifespan"], "pass", "INCOMPATIBLE_QOS for lifespan", "INCOMPATIBLE_QOS (-6)"),
+        (0, ["lifespan"], "fail", "INCOMPATIBLE_QOS for lifespan", "OK (0)"),
+        (-4, ["lifespan"], "fail", "INCOMPATIBLE_QOS for lifespan", "INVALID_ARGUMENT (-4)"),
+        (
+            -6,
+            ["liveliness.manual_by_node", "deadline"],
+            "pass",
+            "INCOMPATIBLE_QOS for liveliness.manual_by_node",
+            "INCOMPATIBLE_QOS (-6)",
+        ),
+        (
+            -6,
+            ["depth.above_128", "lifespan"],
+            "pass",
+            "INCOMPATIBLE_QOS for depth.above_128 and lifespan",
+            "INCOMPATIBLE_QOS (-6)",
+        ),
+        (0, ["deadline", "lease", "depth.above_129", "liveliness.manual_by_topic", "weight"], "pass", "OK", "OK (0)"),
+    ],
+)
+def test_admitted(code: int, unsupported: list[str], outcome: str, answer: str, got: str) -> None:
+    made = state("created" if code == 0 else "refused", 10, "listener", code=code)
+    found = finding(ADMITTED, made, entities=ASKING, declares={"unsupported": unsupported})
+    assert (found.name, found.wanted) == ("admitted listener", f"creating listener answers {answer}")
+    assert (found.outcome, found.got) == (outcome, got)
+
+
+def test_admitted_without_a_creation() -> None:
+    assert finding(ADMITTED, entities=ASKING).got == "listener was not created"
+
+
+def cpu(label: str, value: float) -> Measure:
+    return Measure(label=label, what="cpu", value=value, begin=ms(1), end=ms(1))
+
+
+@pytest.mark.parametrize(
+    ("grown_ms", "outcome", "got"), [(50, "pass", "50 ms"), (50.5, "fail", "50.5 ms"), (0, "pass", "0 ms")]
+)
+def test_measured(grown_ms: float, outcome: str, got: str) -> None:
+    expect = {"measured": "cpu", "from": "before", "to": "after", "at_most": "0.5T"}
+    found = finding(expect, cpu("before", 7e6), cpu("after", 7e6 + grown_ms * 1e6))
+    assert found.name == "measured cpu from before to after"
+    assert found.wanted == "cpu grows by at most 0.5T from before to after"
+    assert (found.outcome, found.got) == (outcome, got)
+    assert finding(expect, cpu("before", 7e6)).got == "there is no after in the trace"

@@ -3,9 +3,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from nros_conformance.judge.results import Finding
-from tests.judge.build import RDM, act, counted, publish, spin, spins, step, verdict
+from tests.judge.build import RDM, act, counted, fault, publish, spin, spins, step, take, taken, verdict
 
 EXPECT = {"never": RDM, "of": "listener"}
 REST = step("rest", 0, 400)
@@ -50,6 +51,32 @@ def test_returns() -> None:
     found = condition(given, publish("data", 10), act("data", 20, index=1, result=-2))
     assert (found.outcome, found.got) == ("unclear", "data[1] answered TIMEOUT (-2)")
     assert condition(given).got == "there is no data in the trace"
+
+
+def test_the_order_of_actions_that_overlap_is_open() -> None:
+    overlapping = [act("data", 10, 60, index=0), act("data", 20, 30, index=1)]
+    assert condition({"gap": "data", "max": "0.5T"}, overlapping).outcome == "pass"
+    found = condition({"gap": "data", "max": "0.45T"}, overlapping)
+    assert (found.outcome, found.got) == ("unclear", "up to 50 ms between data[0] and data[1], at 60.0 ms")
+
+
+def test_received() -> None:
+    given = {"received": "data", "of": "listener"}
+    found = condition(given, publish("data", 10), taken(30, 1))
+    assert (found.name, found.outcome) == ("given received data of listener", "pass")
+    assert found.wanted == "all samples of data, in order and once, on listener"
+    missing = [publish("data", 10), spins(0, 100), take("last", 100, -10)]
+    found = condition(given, missing)
+    assert (found.outcome, found.got) == ("unclear", "0 of 1, sample 1 of talker is missing")
+    assert verdict(EXPECT, missing, REST, given=[given]).verdict == "inconclusive"
+
+
+def test_several_labels_together() -> None:
+    found = condition({"gap": ["data", "more"], "max": "0.3T"}, publish("data", 10, 60), publish("more", 35, 80))
+    assert (found.name, found.outcome) == ("given gap data, more", "pass")
+    found = condition({"gap": ["data", "more"], "max": "0.2T"}, publish("data", 10, 60), publish("more", 35, 80))
+    assert found.wanted == "at most 0.2T between consecutive data and more"
+    assert (found.outcome, found.got) == ("unclear", "up to 25 ms between data[0] and more[0], at 35.0 ms")
 
 
 DRIVEN = {"driven": "sub", "max": "0.3T"}
@@ -117,3 +144,13 @@ def test_a_condition_with_an_unknown_moment_is_not_met() -> None:
         "inconclusive",
         "given driven sub: there is no nowhere in the trace",
     )
+
+
+def test_a_fault_that_was_not_injected_is_a_condition_that_is_not_met() -> None:
+    refused = replace(fault("hole", 10, "lose", "talker"), detail={"code": -5})
+    result = verdict(EXPECT, refused, spins(0, 400), REST)
+    assert (result.verdict, result.reason) == (
+        "inconclusive",
+        "given fault lose: hole answered UNSUPPORTED (-5); wanted lose is injected",
+    )
+    assert verdict(EXPECT, fault("hole", 10, "lose", "talker"), spins(0, 400), REST).verdict == "pass"

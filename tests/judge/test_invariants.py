@@ -3,6 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from nros_conformance.trace.records import Blind
 from tests.judge.build import (
@@ -202,9 +203,16 @@ def test_without_callbacks_they_prove_nothing() -> None:
     laws = {one.proves[0]: one.outcome for one in result.findings if one.implied}
     assert laws == {
         "CNT-001": "none", "CNT-002": "none", "CNT-003": "none", "CNT-004": "none", "CNT-005": "none",
-        "DSP-001": "none", "DSP-002": "none", "DSP-004": "none", "REG-006": "none", "ROB-003": "pass",
+        "DSP-001": "none", "DSP-002": "none", "DSP-003": "none", "DSP-004": "none", "REG-006": "none",
+        "ROB-003": "pass",
     }  # fmt: skip
     assert result.verdict == "pass"
+
+
+def test_callbacks_of_a_session_come_one_after_the_other() -> None:
+    assert implied("DSP-003", counted(10, 1)).outcome == "pass"
+    found = implied("DSP-003", counted(10, 1), replace(counted(20, 2), nested=True))
+    assert (found.outcome, found.got) == ("fail", f"{MISSED}: total 2 (+1) at 20.0 ms, inside another callback")
 
 
 def test_counters_begin_anew_with_each_creation() -> None:
@@ -258,6 +266,11 @@ ENTITIES: dict[str, Any] = {
 )
 def test_there_are_never_more_alive_than_there_are(records: list[Any], outcome: str) -> None:
     assert implied("CNT-005", records, entities=ENTITIES).outcome == outcome
+
+
+def test_a_creation_in_progress_is_not_on_record_yet() -> None:
+    assert implied("CNT-005", alive(10, 1, 1), outcome=None).outcome == "unclear"
+    assert implied("CNT-005", alive(10, 1, 1)).outcome == "fail"
 
 
 def test_a_lease_keeps_them_longer() -> None:

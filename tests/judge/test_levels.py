@@ -81,6 +81,14 @@ def test_what_was_so_until_the_anchor_happened_may_count() -> None:
     assert (found.outcome, found.got) == ("unclear", "no LivelinessChanged came at first, perhaps only before gone")
 
 
+def test_a_script_that_is_over_before_it_is_late_leaves_it_open() -> None:
+    over = [spins(100, 320), step("rest", 101, 320)]
+    never = finding(BY, HERE, GONE, over, spins(320, 400))
+    assert (never.outcome, never.got) == ("unclear", f"{CAME} at 50.0 ms, but the script ended before it was late")
+    later = finding(BY, HERE, GONE, over, spins(320, 350), left(360))
+    assert (later.outcome, later.got) == ("unclear", f"{LEFT} at 360.0 ms, perhaps 29 ms too late")
+
+
 def test_a_level_that_was_reached_and_left_again_was_reached() -> None:
     back = [alive(250, 1, 1), spin(249, 251, callbacks=1)]
     assert finding(BY, HERE, GONE, left(205), back, spins(260, 400), REST).outcome == "pass"

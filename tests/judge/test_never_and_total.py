@@ -214,6 +214,14 @@ def test_total_at_the_end_of_a_call_that_the_script_made() -> None:
     assert (found.outcome, found.nearest_ns) == ("fail", 5_000_000)
 
 
+def test_the_last_of_calls_that_are_not_all_on_record_is_not_known() -> None:
+    expect = {"total": RDM, "of": "listener", "at": "back.end", "is": 4}
+    first = [COME, spin(199, 200), call("back", 199, 200)]
+    assert finding(expect, first, outcome=None).outcome == "unclear"
+    assert finding(expect, first, step("rest", 200, 300)).outcome == "fail"
+    assert finding(expect | {"at": "back.first"}, first, outcome=None).outcome == "fail"
+
+
 def test_total_at_the_end_of_the_script() -> None:
     expect = {"total": RDM, "of": "listener", "is": 4}
     rest = step("rest", 0, 200)

@@ -260,3 +260,14 @@ def test_by_when_something_was_read() -> None:
     assert placed(spin(0, 500, calls=50, longest=10, gap=1)).read_by(ms(100)) == ms(121)
     assert placed(spin(200, 500, calls=50, longest=10, gap=1)).read_by(ms(100)) == ms(210)
     assert placed(spin(0, 110, calls=50, longest=10, gap=1), spin(110, 115)).read_by(ms(100)) == ms(115)
+
+
+def test_calls_that_a_callback_makes_are_not_steps_of_the_script() -> None:
+    inner = replace(act("inner", 250, 260), within="listener/RequestedDeadlineMissed")
+    found = index(records=[*RECORDS, inner])
+    assert found.script_end == instant(ms(200))
+
+
+def test_a_call_that_a_callback_ended_by_raising_is_no_opportunity() -> None:
+    broken = replace(spin(10, 20), raised="ValueError: no")
+    assert index(records=[spin(0, 10), broken, step("rest", 0, 200)]).drives("sub").surely() == ms(10)

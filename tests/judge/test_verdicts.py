@@ -4,7 +4,9 @@ from typing import Any
 
 import pytest
 
+from nros_conformance.judge.expectations import JUDGES
 from nros_conformance.judge.judge import judge
+from nros_conformance.suite.schema import EXPECTATIONS, GIVENS
 from tests.judge.build import LISTENER, RDM, START, counted, finding, publish, register, spins, step, trace, verdict
 
 SILENT = {"never": RDM, "of": "listener", "proves": "RDM-002"}
@@ -184,3 +186,8 @@ def test_the_judge_is_a_function() -> None:
         [SILENT, ANSWERS], RECORDS, SPURIOUS, entities={"listener": LISTENER, "talker": {"publisher": "sensor"}}
     )
     assert judge(one) == judge(one)
+
+
+def test_there_is_a_judge_for_all_that_a_suite_may_say() -> None:
+    for part in (*GIVENS.values(), *EXPECTATIONS.values()):
+        assert part in JUDGES, part.__name__

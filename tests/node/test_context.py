@@ -66,7 +66,8 @@ def test_missing_middleware_is_an_error_with_the_command_that_mends_it(monkeypat
     for module in [name for name in sys.modules if name.startswith("nros_backends.cyclone.")]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.delitem(sys.modules, "nros_backends.cyclone", raising=False)
-    monkeypatch.setitem(sys.modules, "cyclonedds", None)
+    for module in ["cyclonedds", *(name for name in sys.modules if name.startswith("cyclonedds."))]:
+        monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(RmwError) as caught:
         Context("cyclone")
     assert caught.value.code is ReturnCode.NO_BACKEND

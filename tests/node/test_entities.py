@@ -153,6 +153,36 @@ def test_a_code_that_nobody_published_is_an_error_that_names_it() -> None:
     assert str(caught.value) == "ERROR (-1): MessageLost of the subscription to /polled: unpublished code -77"
 
 
+def test_events_and_messages_share_one_cap() -> None:
+    handle, seen = PolledSubscription(b"one"), list[object]()
+    session = FixedSession(handle)
+    node = Node(session, "node", VirtualClock())
+    node.create_subscription(TYPE, TOPIC, seen.append).on_message_lost(seen.append)
+    session.ready.append(lambda: handle.fire(1, 1))
+    executor = Executor(node)
+    for count in (1, 2):
+        executor.spin_once(0, 1)
+        assert (len(seen), executor.ran) == (count, 1)
+    assert seen == [(1, 1), b"one"]
+
+
+def test_what_an_event_callback_raises_does_not_reach_the_middleware() -> None:
+    handle, seen = PolledSubscription(), list[object]()
+    session = FixedSession(handle)
+    node = Node(session, "node", VirtualClock())
+
+    def callback(status: CountStatus) -> None:
+        seen.append(status)
+        raise LookupError(f"total {status.total_count}")
+
+    node.create_subscription(TYPE, TOPIC).on_message_lost(callback)
+    session.ready.extend([lambda: handle.fire(1, 1), lambda: handle.fire(3, 2)])
+    for expected in ("total 1", "total 3"):
+        with pytest.raises(LookupError, match=f"^{expected}$"):
+            Executor(node).spin_once()
+        assert seen == [(1, 1), (3, 2)]  # the drive went on after the first
+
+
 # Deadlines.
 
 

@@ -62,6 +62,15 @@ def test_a_spin_from_inside_a_callback_does_nothing() -> None:
     assert session.drives == [(0, None)]
 
 
+def test_a_spin_from_inside_a_callback_leaves_the_other_sessions_alone() -> None:
+    first, second, codes = QueueSession(), QueueSession(), list[int]()
+    executor = Executor(first, second)
+    first.ready.append(lambda: codes.append(executor.spin_once(5)))
+    assert executor.spin_once() == ReturnCode.OK
+    assert codes == [ReturnCode.WOULD_BLOCK]
+    assert (len(first.drives), len(second.drives)) == (1, 1)
+
+
 # Messages that the backend cannot announce.
 
 
@@ -277,6 +286,21 @@ def test_spin_ends_when_its_condition_holds(pair: Pair, clock: VirtualClock) -> 
     assert executor.spin(0, until=lambda: True)
     assert not executor.spin(timedelta(microseconds=1500), until=lambda: False)
     assert clock.now_ns() == begin + 62 * MS
+
+
+def test_spin_waits_also_for_the_last_fraction_of_a_millisecond(pair: Pair, clock: VirtualClock) -> None:
+    end = clock.now_ns() + 2 * MS
+    turns = 0
+
+    def half_a_millisecond_passes() -> bool:
+        nonlocal turns
+        turns += 1
+        if turns == 1:
+            clock.wait(None, clock.now_ns() + MS // 2)
+        return turns > 5
+
+    assert not Executor(pair.listener).spin(2, until=half_a_millisecond_passes)
+    assert end <= clock.now_ns() < end + MS
 
 
 def test_spin_passes_its_cap_on() -> None:

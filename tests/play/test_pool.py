@@ -83,6 +83,21 @@ def test_a_process_that_exits_is_a_crash(tmp_path: Path) -> None:
     assert play.reasons() == {BREAKS: "fail: the backend crashed: the process exited with code 7"}
 
 
+def test_an_adapter_that_dies_when_it_is_made_is_a_crash_of_every_scenario(tmp_path: Path) -> None:
+    play = Play(tmp_path)
+    play.pool.play(plans("DiesAtOnce", tmp_path), 3)
+    died = "fail: the backend crashed: the process exited with code 3"
+    assert play.reasons() == dict.fromkeys((*FINE, BREAKS), died)
+
+
+def test_a_worker_that_dies_before_it_writes_leaves_a_trace_that_can_be_judged(tmp_path: Path) -> None:
+    (plan,) = plans("Healthy", tmp_path, scenarios=(BREAKS,))
+    Path(plan.trace).write_bytes(b'{"rec":"header","form')
+    play = Play(tmp_path)
+    play.pool.play([msgspec.structs.replace(plan, adapter="broken:DiesAtOnce")], 1)
+    assert play.reasons() == {BREAKS: "fail: the backend crashed: the process exited with code 3"}
+
+
 def test_a_drive_io_that_never_returns_is_a_hang_and_the_others_are_unaffected(tmp_path: Path) -> None:
     play = Play(tmp_path)
     play.pool.play(plans("Sleeps", tmp_path), 3)

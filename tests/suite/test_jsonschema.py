@@ -11,9 +11,9 @@ from nros_conformance.formats.durations import DURATION_PATTERN, QUANTITIES, UNI
 from nros_conformance.formats.yaml12 import read_yaml
 from nros_conformance.suite import schema
 from nros_conformance.suite.jsonschema import COMMAND, FILE, build, main, text
-from nros_conformance.suite.loader import REQUIREMENTS, shipped_suites
+from nros_conformance.suite.loader import PUBLISHED, REQUIREMENTS, shipped_suites
 
-SUITES = sorted(file for file in shipped_suites().glob("*.yaml") if file.name != REQUIREMENTS)
+SUITES = sorted(file for file in shipped_suites().glob("*.yaml") if file.name not in (PUBLISHED, REQUIREMENTS))
 
 SUITE = """\
 suite: sample

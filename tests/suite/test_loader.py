@@ -63,6 +63,8 @@ EVERYTHING = """\
       - {do: register, of: listener, kind: 255, callback: none, deadline: infinite, as: registered}
       - {do: supports, of: listener, kind: MessageLost, as: supported}
       - {do: drive, timeout: 0, as: call}
+      - {do: measure, what: cpu, as: before}
+      - {do: measure, what: cpu, as: after}
       - {do: spin, session: far, timeout: 1T, cap: 1, times: 4, as: spins}
       - {do: take, from: listener, max: 1}
       - {do: destroy, of: far}
@@ -82,6 +84,8 @@ EVERYTHING = """\
       - {returns: late, is: [OK, INCOMPATIBLE_QOS], proves: RDM-001}
       - {returns: far, is: [OK], proves: RDM-001}
       - {agrees: supported, with: registered, proves: RDM-001}
+      - {admitted: late, proves: RDM-001}
+      - {measured: cpu, from: before, to: after, at_most: 0.5T, proves: RDM-002}
       - {received: data, of: listener, is: 2, proves: RDM-001}
       - {conserved: listener, from: [crowd], since: data, proves: RDM-001}
       - {inside: spins, event: LivelinessChanged, of: listener, status: {alive_count: 3}, proves: RDM-001}

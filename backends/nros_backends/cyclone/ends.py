@@ -11,12 +11,6 @@ import uuid
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cyclonedds.builtin import (
-    BuiltinDataReader,
-    BuiltinTopicDcpsPublication,
-    BuiltinTopicDcpsSubscription,
-)
-from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 
@@ -32,7 +26,6 @@ if TYPE_CHECKING:
     from nros_backends.cyclone.session import CycloneSession
 
 _U32 = 2**32
-_ENDPOINTS_MAX = 10_000
 
 
 class End(Entity, abc.ABC):
@@ -132,12 +125,3 @@ def handles_of(matched: Callable[[], list[int]]) -> list[int]:
         return matched()
     except IndexError:
         return []
-
-
-def types_of(participant: DomainParticipant, topic: str) -> set[str]:
-    """The DDS type names with which a DDS topic is in use, here and at all peers discovered so far."""
-    found: set[str] = set()
-    for builtin in (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription):
-        reader = BuiltinDataReader(participant, builtin)
-        found.update(end.type_name for end in reader.read(_ENDPOINTS_MAX) if end.topic_name == topic)
-    return found

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Iterator
 from typing import Any
 
+from cyclonedds.builtin import BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
 from cyclonedds.core import DDSException
-from cyclonedds.internal import DDS
+from cyclonedds.internal import DDS, dds_c_t
 from cyclonedds.topic import Sample
 
 from nros_conformance.rmw.codes import ReturnCode
 
 _FOR_EVER = 2**63 - 1
+_BATCH = 64
 
 _CODES = {
     DDSException.DDS_RETCODE_OK: ReturnCode.OK,
@@ -26,6 +29,19 @@ _CODES = {
 def return_code(dds_code: int) -> ReturnCode:
     """The contract's code for one of DDS; ERROR for those that it does not know."""
     return _CODES.get(dds_code, ReturnCode.ERROR)
+
+
+class _Endpoint(ct.Structure):
+    """``dds_builtintopic_endpoint_t``."""
+
+    _fields_ = (
+        ("key", ct.c_uint8 * 16),
+        ("participant_key", ct.c_uint8 * 16),
+        ("participant_instance_handle", ct.c_uint64),
+        ("topic_name", ct.c_char_p),
+        ("type_name", ct.c_char_p),
+        ("qos", ct.c_void_p),
+    )
 
 
 class Native:
@@ -44,6 +60,18 @@ class Native:
         self._assert_liveliness = library.dds_assert_liveliness
         self._assert_liveliness.argtypes = [ct.c_int32]
         self._assert_liveliness.restype = ct.c_int32
+        self._create_reader = library.dds_create_reader
+        self._create_reader.argtypes = [ct.c_int32, ct.c_int32, ct.c_void_p, ct.c_void_p]
+        self._create_reader.restype = ct.c_int32
+        self._delete = library.dds_delete
+        self._delete.argtypes = [ct.c_int32]
+        self._delete.restype = ct.c_int32
+        self._take_samples = library.dds_take
+        self._take_samples.argtypes = [ct.c_int32, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_uint32]
+        self._take_samples.restype = ct.c_int32
+        self._return_loan = library.dds_return_loan
+        self._return_loan.argtypes = [ct.c_int32, ct.c_void_p, ct.c_int32]
+        self._return_loan.restype = ct.c_int32
         self._deafmute = library.dds_domain_set_deafmute
         self._deafmute.argtypes = [ct.c_int32, ct.c_bool, ct.c_bool, ct.c_int64]
         self._deafmute.restype = ct.c_int32
@@ -55,6 +83,40 @@ class Native:
         if code != DDSException.DDS_RETCODE_OK:
             raise DDSException(code, "while getting the status changes")
         return bits.value
+
+    def types_of(self, participant: Any, topic: str) -> set[str]:
+        """The type names with which a topic is in use, here and at all peers discovered so far.
+
+        Raises `DDSException`. The binding's own reader of built-in topics is part of a reference cycle,
+        and what the cycle collector frees the binding does not delete in DDS: every one leaks.
+        """
+        found: set[str] = set()
+        for builtin in (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription):
+            reader = self._create_reader(participant._ref, builtin._ref, None, None)
+            if reader < 0:
+                raise DDSException(reader, "while reading what has been discovered")
+            try:
+                found |= {
+                    endpoint.type_name.decode()
+                    for endpoint in self._take(reader)
+                    if endpoint.topic_name == topic.encode()
+                }
+            finally:
+                self._delete(reader)
+        return found
+
+    def _take(self, reader: int) -> Iterator[_Endpoint]:
+        count = _BATCH
+        while count == _BATCH:
+            loans = (ct.POINTER(_Endpoint) * _BATCH)()
+            infos = (dds_c_t.sample_info * _BATCH)()
+            count = self._take_samples(reader, loans, infos, _BATCH, _BATCH)
+            if count < 0:
+                raise DDSException(count, "while reading what has been discovered")
+            for loan, info in zip(loans[:count], infos[:count], strict=True):
+                if info.valid_data:
+                    yield loan.contents
+            self._return_loan(reader, loans, count)
 
     def write(self, writer: Any, cdr: bytes) -> ReturnCode:
         """Write serialized data. The binding's own write holds the GIL while a full history blocks it."""

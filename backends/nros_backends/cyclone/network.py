@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import threading
 from collections.abc import Iterator
 
 from cyclonedds.core import DDSException
@@ -36,6 +37,11 @@ _PORTS_EACH = 2
 """Multicast discovery, and multicast data, which is never sent but has a socket."""
 
 _PORT_TRIES = 8
+
+ONE_DOMAIN_AT_A_TIME = threading.Lock()
+"""Held while a domain is created or deleted, by all backends of the process: two threads that do so at once
+corrupt libddsc 11.0.1's tree of domains (a segfault in dds_create_domain, once in some 3,000 sessions;
+benchmarks/endurance.py shows it without this lock). No upstream issue was found."""
 
 _CONFIGURATION = """\
 <CycloneDDS><Domain Id="any">
@@ -111,7 +117,8 @@ class Network:
         """Local domain ids have to be unique in this process; a taken one costs 2 us, so try."""
         for local_id in itertools.count(1 + self.number % 1_000 * 16):
             try:
-                return Domain(local_id, configuration), local_id
+                with ONE_DOMAIN_AT_A_TIME:
+                    return Domain(local_id, configuration), local_id
             except DDSException as error:
                 if error.code != DDSException.DDS_RETCODE_PRECONDITION_NOT_MET:
                     raise

@@ -13,9 +13,10 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from nros_backends.cyclone.ends import End, types_of
+from nros_backends.cyclone.ends import End
 from nros_backends.cyclone.envelope import dds_type_name, sample_type
 from nros_backends.cyclone.native import Native, return_code
+from nros_backends.cyclone.network import ONE_DOMAIN_AT_A_TIME
 from nros_backends.cyclone.policies import admit, dds_topic, reader_qos, writer_qos
 from nros_backends.cyclone.publisher import CyclonePublisher
 from nros_backends.cyclone.receiver import Receiver
@@ -104,8 +105,9 @@ class CycloneSession(Session):
                 self._receiver.stop()
             self._receiver = self._waitset = self._guard = None
             # The domain goes last: deleting it would delete everything in it.
-            self._participant = None
-            self._domain = None
+            with ONE_DOMAIN_AT_A_TIME:
+                self._participant = None
+                self._domain = None
         finally:
             if outside:
                 self._driving.release()
@@ -159,7 +161,9 @@ class CycloneSession(Session):
             triggered = waitset.wait(min(max(left_ns, 0), _WAIT_MAX_NS))
             self._waiting = False
             now_ns = self.clock.now_ns()
-            if triggered or noted or now_ns >= due_ns:
+            # Also when the time is over: getting the GIL back may have taken long, and what fell due
+            # meanwhile belongs to this call (DSP-007).
+            if triggered or noted or now_ns >= min(due_ns, until_ns):
                 with self.dispatching:
                     fresh = self._look()
                     if self.queue.drain(max_callbacks) or fresh:
@@ -196,7 +200,7 @@ class CycloneSession(Session):
         in_force = admit(topic, type_name, qos)
         name = dds_topic(topic, in_force)
         try:
-            others = types_of(participant, name) - {dds_type_name(type_name)}
+            others = self.native.types_of(participant, name) - {dds_type_name(type_name)}
             if others:
                 raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r} has the type {min(others)!r}")
             yield in_force, participant, Topic(participant, name, sample_type(type_name))

@@ -6,8 +6,9 @@ import re
 import threading
 from collections.abc import Iterable
 from itertools import count
+from typing import Any
 
-from nros_conformance.model.world import Occurrence, Topic, World
+from nros_conformance.model.world import Occurrence, Sample, Topic, World
 from nros_conformance.rmw.backend import (
     Backend,
     Host,
@@ -24,7 +25,7 @@ from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
 from nros_conformance.rmw.events import EventCallback, EventKind, Side
 from nros_conformance.rmw.qos import QosProfile
 
-_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
+_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 
 
 class ReferenceBackend(Backend):
@@ -47,6 +48,19 @@ class ReferenceBackend(Backend):
         assert isinstance(subscription, ReferenceSubscription)
         with self.lock:
             return self.world.matched(publisher.id, subscription.id)
+
+    def inject(self, fault: str, **arguments: Any) -> int:
+        """``lose`` and ``preset``."""
+        entity = arguments.get("entity")
+        if fault == "lose" and isinstance(entity, ReferencePublisher):
+            entity.unheard = True
+            try:
+                return int(min(arguments["publish"]() for _ in range(arguments["count"])))
+            finally:
+                entity.unheard = False
+        if fault == "preset" and isinstance(entity, ReferencePublisher | ReferenceSubscription):
+            return entity.preset(arguments["kind"], arguments["count"])
+        return ReturnCode.UNSUPPORTED
 
     def tell(self, occurrences: Iterable[Occurrence]) -> None:
         """Hand occurrences to the entities that they concern, and wake their sessions."""
@@ -115,7 +129,7 @@ class ReferenceSession(Session):
         if self.destroyed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         qos.check()
-        if not _NAME.match(topic) or not type_name:
+        if not _NAME.fullmatch(topic) or not type_name:
             raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r}, type {type_name!r}")
         for entity in self.backend.entities.values():
             if (entity.key[0], entity.topic) == (self.options.domain_id, topic) and entity.type_name != type_name:
@@ -141,9 +155,7 @@ class _Entity:
             for kind in EventKind
             if kind.side is self.side
         }
-        self.registry = EventRegistry(
-            session.queue, self.sources, qos_deadline_ms=qos.deadline_ms, has_data=self.holds_sample
-        )
+        self.registry = EventRegistry(session.queue, self.sources, qos_deadline_ms=qos.deadline_ms)
         self.destroyed = False
         self.backend.entities[self.id] = self  # type: ignore[assignment]
         session.entities.append(self)  # type: ignore[arg-type]
@@ -156,9 +168,14 @@ class _Entity:
         else:
             source.add(occurrence.change[0], occurrence.at_ns)
 
-    def holds_sample(self) -> bool:
-        """Whether a sample can be taken."""
-        return False
+    def preset(self, kind: int | None, count: int) -> int:
+        """See `Backend.inject`."""
+        with self.backend.lock:
+            if kind is None:
+                self.backend.world.preset(self.id, count)
+            else:
+                self.sources[EventKind(kind)].preset(count)
+        return ReturnCode.OK
 
     def supports_event(self, kind: int) -> bool:
         return self.registry.supports(kind)
@@ -191,6 +208,8 @@ class ReferencePublisher(_Entity, Publisher):
     """The sending end."""
 
     side = Side.PUBLISHER
+    unheard = False
+    """Whether the wire loses what it publishes."""
 
     def __init__(self, session: ReferenceSession, key: Topic, topic: str, type_name: str, qos: QosProfile) -> None:
         super().__init__(session, key, topic, type_name, qos)
@@ -204,11 +223,10 @@ class ReferencePublisher(_Entity, Publisher):
             return ReturnCode.INVALID_ARGUMENT
         with self.backend.lock:
             now = self.backend.clock.now_ns()
-            self.backend.tell(self.backend.world.publish(self.id, data, now))
+            self.backend.tell(self.backend.world.publish(self.id, data, now, lost=self.unheard))
             for entity in self.backend.entities.values():
                 if isinstance(entity, ReferenceSubscription) and self.backend.world.matched(self.id, entity.id):
-                    entity.registry.message(now)
-                    entity.session.signal.set()
+                    entity.arrived(self.id, now)
         return ReturnCode.OK
 
     def assert_liveliness(self) -> int:
@@ -236,11 +254,19 @@ class ReferenceSubscription(_Entity, Subscription):
     def has_data(self) -> bool | int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
-        return self.holds_sample()
-
-    def holds_sample(self) -> bool:
         with self.backend.lock:
             return self.backend.world.peek(self.id, self.backend.clock.now_ns()) is not None
+
+    def arrived(self, publisher: int, now_ns: int) -> None:
+        """Announce what a publisher has just sent, to be taken as long as it waits."""
+        sample = self.backend.world.newest(self.id, publisher)
+        if sample is not None:
+            self.registry.message(now_ns, lambda: self._waits(sample))
+            self.session.signal.set()
+
+    def _waits(self, sample: Sample) -> bool:
+        with self.backend.lock:
+            return self.backend.world.waits(self.id, sample, self.backend.clock.now_ns())
 
     def try_recv_raw(self, max_size: int) -> bytes | int:
         if self.destroyed or max_size < 0:

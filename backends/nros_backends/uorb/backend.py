@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping
+from typing import Any
 
 from nros_backends.uorb.bus import WRAP
 from nros_backends.uorb.domain import Domain
@@ -72,6 +73,15 @@ class UorbBackend(Backend):
 
     def versions(self) -> Mapping[str, str]:
         return {"PX4 uORB (model)": "0148665"}
+
+    def inject(self, fault: str, **arguments: Any) -> int:
+        """``preset``: the generation of a topic, or the total of lost samples of a subscription."""
+        entity = arguments.get("entity")
+        if fault != "preset" or not isinstance(entity, UorbPublisher | UorbSubscription):
+            return ReturnCode.UNSUPPORTED
+        if arguments["kind"] is None:
+            return self.preset(entity, arguments["count"])
+        return entity.preset_total(arguments["kind"], arguments["count"])
 
     def preset(self, entity: Entity, generation: int) -> int:
         """The fault ``preset``: move the generation of the entity's topic, u32, without any loss.

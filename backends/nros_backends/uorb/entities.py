@@ -39,6 +39,10 @@ class _Losses:
         """Called with the lock held."""
         self._tracker.add(count, at_ns)
 
+    def preset(self, total: int) -> None:
+        """Called with the lock held."""
+        self._tracker.preset(total)
+
     @property
     def ready_ns(self) -> int | None:
         return self._tracker.ready_ns
@@ -84,6 +88,10 @@ class UorbPublisher(Publisher):
     def preset(self, generation: int) -> int:
         """See `UorbBackend.preset`."""
         return _preset(self._here, self._events, self.node, generation)
+
+    def preset_total(self, kind: int, total: int) -> int:
+        """UNSUPPORTED: it has no events."""
+        return ReturnCode.UNSUPPORTED
 
     def destroy(self) -> int:
         self._events.close()
@@ -165,6 +173,14 @@ class UorbSubscription(Subscription):
     def preset(self, generation: int) -> int:
         """See `UorbBackend.preset`."""
         return _preset(self._here, self._events, self.node, generation)
+
+    def preset_total(self, kind: int, total: int) -> int:
+        """As if so many samples had been lost and reported; UNSUPPORTED for another event."""
+        if kind != EventKind.MESSAGE_LOST:
+            return ReturnCode.UNSUPPORTED
+        with self._here.domain.lock:
+            self._losses.preset(total)
+        return ReturnCode.OK
 
     def destroy(self) -> int:
         with self._here.domain.lock:

@@ -167,6 +167,20 @@ def test_types_are_made_once_and_differ_by_name() -> None:
     assert sample_type("a/A") is not sample_type("a/B")
 
 
+# Matches
+
+
+def test_a_match_that_appears_while_the_binding_lists_them_is_seen_the_next_time() -> None:
+    pytest.importorskip("cyclonedds", reason="the extra nros-conformance[cyclone] is not installed")
+    from nros_backends.cyclone.ends import handles_of
+
+    def racing() -> list[int]:
+        raise IndexError("invalid index")
+
+    assert handles_of(racing) == []
+    assert handles_of(lambda: [1, 2]) == [1, 2]
+
+
 # Ports
 
 

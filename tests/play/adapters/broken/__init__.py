@@ -7,7 +7,7 @@ import os
 import time
 
 from nros_backends.reference.backend import ReferenceBackend, ReferenceSession
-from nros_conformance.rmw.backend import SessionOptions
+from nros_conformance.rmw.backend import Host, SessionOptions
 
 
 class Session(ReferenceSession):
@@ -76,6 +76,11 @@ class Raises(Segfaults):
 
 class SpinsForEver(Segfaults):
     session = _Spin
+
+
+class DiesAtOnce(Segfaults):
+    def __init__(self, host: Host) -> None:
+        os._exit(3)
 
 
 class Healthy(Segfaults):

@@ -1,0 +1,71 @@
+"""Faults that the backend injects into itself, asked for through `Backend.inject`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nros_conformance.play.driver import Command, Driver, StopPlay
+from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.rmw.events import KIND_BY_LABEL
+from nros_conformance.suite.injections import INJECTIONS
+from nros_conformance.suite.schema import Fault
+from nros_conformance.trace.records import FaultRecord
+
+Publish = Callable[[Actor, str, dict[str, Any]], int]
+"""``publish(actor, label, args)``: one more sample, ``args`` become those of its record."""
+
+
+class Injector:
+    """Plays fault steps, each on the thread of the session that it hits."""
+
+    def __init__(self, stage: Stage, publish: Publish) -> None:
+        self._stage = stage
+        self._publish = publish
+
+    def command(self, step: Fault, label: str, begin: int) -> tuple[Driver, Command]:
+        """The call that injects the fault at ``begin``; it writes down what the backend answered."""
+        injection = INJECTIONS.get(step.fault)
+        if injection is None or step.of is None:
+            raise StopPlay("error", f"the fault {step.fault} cannot be injected yet")
+        stage = self._stage
+        if injection.of == "session":
+            driver = stage.drivers[step.of]
+            arguments: dict[str, Any] = {"session": driver.session}
+        else:
+            (actor,) = stage.members(step.of)
+            driver = actor.driver
+            arguments = {"entity": actor.created(), "count": step.count}
+            if injection.publishes:
+                arguments["publish"] = self._publisher(actor, label)
+            if step.fault == "preset":
+                arguments["kind"] = None if step.kind is None else int(KIND_BY_LABEL[step.kind])
+
+        def run() -> int:
+            begun = stage.clock.now_ns()
+            code = int(stage.backend.inject(step.fault, **arguments))
+            record = FaultRecord(
+                label=label, fault=step.fault, of=step.of or "", begin=begun, end=stage.clock.now_ns(),
+                detail={"code": code},
+            )  # fmt: skip
+            stage.record(record)
+            return code
+
+        return driver, Command(stage.clock, begin, run, op=step.fault, label=label, entity=step.of, record=False)
+
+    def _publisher(self, actor: Actor, label: str) -> Callable[[], int]:
+        """Publishes one sample, written down like those of a publish step."""
+        number = 0
+
+        def publish() -> int:
+            nonlocal number
+            args: dict[str, Any] = {}
+            command = Command(
+                self._stage.clock, self._stage.clock.now_ns(), lambda: self._publish(actor, label, args),
+                op="publish", label=label, index=number, entity=actor.name, args=args,
+            )  # fmt: skip
+            number += 1
+            actor.driver.execute(command)
+            return int(command.result) if command.result is not None else -1
+
+        return publish

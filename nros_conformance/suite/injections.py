@@ -1,0 +1,67 @@
+"""The faults that `Backend.inject` can be asked for: what each one hits, and what has to be said of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+from typing import Literal
+
+from nros_conformance.formats.places import Path_
+from nros_conformance.rmw.events import Side
+from nros_conformance.suite.names import Names
+from nros_conformance.suite.schema import Fault
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Injection:
+    """One fault. ``declared``: the key of ``[faults]`` by which a backend says that it can."""
+
+    of: Literal["publisher", "entity", "session"]
+    declared: str
+    counted: bool = False
+    publishes: bool = False
+    """Whether the step itself publishes ``count`` samples, under its label."""
+
+
+INJECTIONS = {
+    "lose": Injection("publisher", "lose", counted=True, publishes=True),
+    "duplicate": Injection("publisher", "duplicate", counted=True, publishes=True),
+    "reorder": Injection("publisher", "reorder", counted=True, publishes=True),
+    "preset": Injection("entity", "preset", counted=True),
+    "partition": Injection("session", "partition"),
+    "heal": Injection("session", "partition"),
+}
+"""By the name of the fault. The others need a session in a process of its own, or a peer."""
+
+
+def injectable(fault: str, declared: Collection[str]) -> bool:
+    """Whether a backend that declares these faults can be asked for this one."""
+    return fault in INJECTIONS and INJECTIONS[fault].declared in declared
+
+
+def publishes(step: object) -> bool:
+    """Whether a step is a fault that publishes."""
+    return isinstance(step, Fault) and step.fault in INJECTIONS and INJECTIONS[step.fault].publishes
+
+
+def check_injection(names: Names, path: Path_, step: Fault) -> None:
+    """Raise `FormatError` unless the fault says whom it hits, and how often."""
+    error, injection = names.document.error, INJECTIONS.get(step.fault)
+    if step.kind is not None and step.fault != "preset":
+        raise error((*path, "kind"), f"kind: {step.fault} is about no event", "remove it")
+    if injection is None:
+        return
+    if step.of is None:
+        raise error(path, f"{step.fault} without of:", f"add of: and a {injection.of}")
+    here = (*path, "of")
+    if injection.of == "session":
+        names.check_session(here, step.of)
+    else:
+        names.check_entities(here, [step.of], Side.PUBLISHER if injection.of == "publisher" else None)
+    if step.kind is not None:
+        names.check_side(here, step.kind, step.of)
+    if injection.counted and step.count is None:
+        raise error(path, f"{step.fault} without count:", "add count:")
+    least = 1 if injection.publishes else 0
+    if step.count is not None and step.count < least:
+        raise error((*path, "count"), f"count: {step.count} is less than {least}")

@@ -1,0 +1,416 @@
+"""``doctor``: each check is made to fail through its own seam, and the whole text is compared."""
+
+from __future__ import annotations
+
+import platform
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from nros_conformance.campaign.checks import (
+    Check,
+    Probes,
+    check_child,
+    check_faketime,
+    check_lateness,
+    check_loopback,
+    evidence_lost,
+    find_faketime,
+    try_child,
+    try_multicast,
+    try_tcp,
+    try_udp,
+)
+from nros_conformance.campaign.host import HostCheck
+from nros_conformance.campaign.selection import decide
+from nros_conformance.cli.codes import ExitCode
+from nros_conformance.cli.doctor import check_backend, diagnose, stored
+from nros_conformance.cli.main import main
+from nros_conformance.formats.places import FormatError
+from nros_conformance.report.results import Report, write_report
+from nros_conformance.rmw.discovery import Found, find_backend
+from nros_conformance.suite.loader import Suites, load_suites
+from tests.report.build import LVC, REFUSED, declare, uorb
+
+ADAPTERS = Path(__file__).parents[1] / "play" / "adapters"
+NOWHERE = "192.0.2.1"
+"""An address for documentation (RFC 5737): no host has it."""
+
+BRIEF_S = 0.05
+
+SUITE = """\
+suite: sample
+title: A sample
+scenarios:
+  - id: sample.step
+    title: The wall clock is stepped
+    entities: &entities
+      talker: {publisher: sensor, qos: {deadline: 1T}}
+      listener: {subscription: sensor, qos: {deadline: 1T}}
+    script: [settle, {do: publish, by: talker, as: data}, {fault: clock_step, of: sub, by: 1s}, {drive: 2T}]
+    expect:
+      - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: [RDM-006, RDM-002]}
+  - id: sample.quiet
+    title: Nothing is stepped
+    entities: *entities
+    script: [settle, {do: publish, by: talker, as: data}, {drive: 2T}]
+    expect:
+      - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: RDM-002}
+  - id: sample.crash
+    title: A publisher dies
+    entities: *entities
+    script: [settle, {fault: crash, of: pub, as: gone}, {drive: 2T}]
+    expect:
+      - {level: alive_count, of: listener, is: 0, by: gone.end + 1T, proves: [LVC-004, LVC-001]}
+"""
+
+
+@pytest.fixture(scope="module")
+def suites(tmp_path_factory: pytest.TempPathFactory) -> Suites:
+    directory = tmp_path_factory.mktemp("suites")
+    (directory / "sample.yaml").write_text(SUITE, encoding="utf-8")
+    return load_suites(directory)
+
+
+REAL = declare("cyclone")
+VIRTUAL = declare("uorb", behaviour={"clock": "virtual"})
+CALM = HostCheck(cores=2, median_ms=0.31, worst_ms=4.12, seconds=2.0)
+WELL = Probes(
+    lateness=lambda: CALM,
+    loopback={"UDP": lambda: "", "UDP multicast on lo": lambda: "", "TCP": lambda: ""},
+    child=lambda: "",
+    faketime=lambda: Path("/usr/lib/faketime/libfaketime.so.1"),
+)
+ILL = Probes(
+    lateness=lambda: replace(CALM, cores=1, worst_ms=80.0),
+    loopback={"UDP": lambda: "", "UDP multicast on lo": lambda: "No such device", "TCP": lambda: "timed out"},
+    child=lambda: "a child process is not stopped by SIGSTOP",
+    faketime=lambda: None,
+)
+
+
+# --- what is really tried ---------------------------------------------------------------------------
+
+
+def test_everything_works_on_a_host_that_runs_these_tests() -> None:
+    assert [try_udp(), try_multicast(), try_tcp(), try_child()] == ["", "", "", ""]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: try_udp(NOWHERE), "Cannot assign requested address"),
+        (lambda: try_udp(to="127.0.0.2", wait_s=BRIEF_S), "nothing arrived within 0.05 s"),
+        (lambda: try_multicast(interface=NOWHERE), "No such device"),
+        (lambda: try_multicast(group="127.0.0.1"), "Invalid argument"),
+        (lambda: try_multicast(to="239.255.78.83", wait_s=BRIEF_S), "nothing arrived within 0.05 s"),
+        (lambda: try_tcp(NOWHERE), "Cannot assign requested address"),
+        (lambda: try_tcp(to="127.0.0.2"), "Connection refused"),
+        (lambda: try_child(command=("/nowhere/python",)), "no child process: No such file or directory"),
+    ],
+)  # fmt: skip
+def test_what_does_not_work_is_said(wrong: Any, said: str) -> None:
+    assert wrong() == said
+
+
+@pytest.mark.parametrize(("step", "word"), [("stop", "stopped"), ("resume", "continued"), ("end", "killed")])
+def test_a_signal_that_does_nothing_is_noticed(step: str, word: str) -> None:
+    harmless: dict[str, Any] = {step: signal.SIGWINCH}
+    assert try_child(**harmless, limit_s=BRIEF_S) == f"a child process is not {word} by SIGWINCH"
+
+
+def test_a_signal_that_kills_too_early_is_noticed() -> None:
+    assert try_child(stop=signal.SIGKILL) == "a child process is not stopped by SIGKILL"
+
+
+def test_a_signal_that_there_is_not_is_noticed() -> None:
+    assert try_child(resume=4711) == "a child process cannot be continued: Invalid argument"
+
+
+def test_the_library_is_found_where_distributions_put_it(tmp_path: Path) -> None:
+    places = [(str(tmp_path), "faketime/libfaketime.so.1"), (str(tmp_path), "*/faketime/libfaketime.so.1")]
+    assert find_faketime(places) is None
+    library = tmp_path / "x86_64-linux-gnu" / "faketime" / "libfaketime.so.1"
+    library.parent.mkdir(parents=True)
+    library.touch()
+    assert find_faketime(places) == library
+
+
+# --- what it costs, and what brings it --------------------------------------------------------------
+
+
+def test_a_calm_host() -> None:
+    says = "a sleeping thread wakes 0.3 ms late, 4.1 ms at worst over 2 s"
+    assert check_lateness(CALM, [REAL]) == Check("lateness", "ok", says)
+    assert check_lateness(replace(CALM, worst_ms=30.0), [REAL]).state == "ok"
+
+
+def test_a_host_that_is_later_than_the_judge_tolerates() -> None:
+    check = check_lateness(replace(CALM, worst_ms=30.1), [REAL, VIRTUAL])
+    assert check.state == "slow"
+    assert check.costs == (
+        "a sleeping thread wakes 0.3 ms late, 30.1 ms at worst over 2 s; more than 30 ms leaves scenarios unclear "
+        "on cyclone"
+    )
+    assert check.remedy == ("let other work on this host end, or give it more cores",)
+
+
+def test_a_loopback_that_does_not_work() -> None:
+    assert check_loopback("TCP", "", [REAL]) == Check("TCP", "ok", "TCP", group="loopback")
+    assert check_loopback("TCP", "timed out", [REAL, VIRTUAL]) == Check(
+        "TCP", "missing", costs="timed out; no evidence from rows that talk over it: any of cyclone",
+        remedy=("ip link set lo up multicast on",),
+    )  # fmt: skip
+    assert check_loopback("TCP", "timed out", [VIRTUAL]).costs == (
+        "timed out; nothing is lost: no row that is ready here runs on the real clock"
+    )
+
+
+def test_processes_that_cannot_be_stopped(suites: Suites) -> None:
+    assert check_child("", suites, [REAL]) == Check(
+        "processes", "ok", "a child process can be stopped, continued and killed"
+    )  # fmt: skip
+    check = check_child("a child process is not stopped by SIGSTOP", suites, [REAL])
+    assert (check.name, check.state) == ("processes", "missing")
+    assert check.costs == (
+        "a child process is not stopped by SIGSTOP; LVC-001, LVC-004 stay unexercised on cyclone"
+    )  # fmt: skip
+    assert check.remedy == ("allow signals to child processes, for instance in the container's seccomp profile",)
+
+
+def test_a_library_that_is_missing(suites: Suites) -> None:
+    assert check_faketime(Path("/lib/f.so"), suites, [REAL]) == Check("libfaketime", "ok", "libfaketime: /lib/f.so")
+    check = check_faketime(None, suites, [REAL])
+    assert (check.name, check.state) == ("libfaketime", "missing")
+    assert check.costs == "RDM-006 stays unexercised on cyclone"
+    reasons = {decide(one, REAL).reason for one in suites.scenarios if one.scenario.id == "sample.step"}
+    besides = [f"not enough by itself: {one}" for one in reasons if one and "libfaketime" not in one]
+    assert check.remedy == ("apt install libfaketime", *besides)
+
+
+def test_evidence_is_lost_where_no_other_scenario_that_applies_proves_it(suites: Suites) -> None:
+    silent = declare("can", events={LVC: REFUSED})
+    rows = [REAL, silent, declare("zenoh")]
+    assert evidence_lost(["crash"], suites, rows) == "LVC-001, LVC-004 stay unexercised on cyclone, zenoh"
+    assert evidence_lost(["clock_step"], suites, rows) == "RDM-006 stays unexercised on cyclone, can, zenoh"
+    assert evidence_lost(["crash", "clock_step"], suites, rows) == (
+        "LVC-001, LVC-004, RDM-006 stay unexercised on cyclone, zenoh; RDM-006 stays unexercised on can"
+    )
+    nothing = "nothing is lost: no scenario that applies here needs it"
+    assert evidence_lost(["overflow"], suites, rows) == nothing
+    assert evidence_lost(["clock_step"], suites, []) == nothing
+
+
+# --- backends ---------------------------------------------------------------------------------------
+
+
+def test_backends_that_are_ready() -> None:
+    assert check_backend(find_backend("reference")) == Check(
+        "reference", "ready", "the control of every run, virtual clock"
+    )  # fmt: skip
+    found = check_backend(find_backend("uorb"))
+    assert (found.name, found.state) == ("uorb", "ready")
+    assert found.says.endswith(", model, virtual clock")
+
+
+def test_the_version_that_somebody_pins_is_named_beside_the_tested_one() -> None:
+    subject = {
+        "kind": "library", "says": "x", "package": "PX4 uORB (model)",
+        "pinned": {"by": "nano-ros 0.5.0", "version": "1.0"},
+    }  # fmt: skip
+    found = replace(find_backend("uorb"), declaration=declare("uorb", subject=subject))
+    tested = found.load()(None).versions()["PX4 uORB (model)"]  # type: ignore[arg-type]
+    assert check_backend(found).says == (
+        f"PX4 uORB (model) {tested}, library, real clock (nano-ros 0.5.0 pins 1.0: cells speak for {tested})"
+    )
+    subject["pinned"] = {"by": "nano-ros 0.5.0", "version": tested}
+    found = replace(find_backend("uorb"), declaration=declare("uorb", subject=subject))
+    assert check_backend(found).says == f"PX4 uORB (model) {tested}, library, real clock"
+
+
+def test_a_backend_without_its_middleware() -> None:
+    subject = {"kind": "library", "says": "x", "install": 'pip install "nros-conformance[zenoh]"'}
+    found = Found("zenoh", "zenoh_that_is_not_there:Zenoh", declare("zenoh", subject=subject))
+    assert check_backend(found) == Check(
+        "zenoh", "missing", costs="no row of it: No module named 'zenoh_that_is_not_there'",
+        remedy=('pip install "nros-conformance[zenoh]"',),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("adapter", "why"),
+    [
+        ("json:loads", "TypeError: json:loads is not a subclass of nros_conformance.rmw.Backend"),
+        ("json:Backend", "AttributeError: module 'json' has no attribute 'Backend'"),
+    ],
+)
+def test_a_backend_that_breaks_when_it_is_loaded(adapter: str, why: str) -> None:
+    assert check_backend(Found("mqtt", adapter, declare("mqtt"))) == Check(
+        "mqtt", "broken", costs=f"{adapter}: {why}"
+    )  # fmt: skip
+
+
+def test_a_declaration_that_cannot_be_read() -> None:
+    error = FormatError("backend.toml", 9, "unknown event 'LivelinesChanged'", "did you mean 'LivelinessChanged'?")
+    assert check_backend(Found("mqtt", "mqtt:Mqtt", error=error)) == Check(
+        "mqtt", "broken", costs="backend.toml:9: unknown event 'LivelinesChanged'; did you mean 'LivelinessChanged'?"
+    )  # fmt: skip
+
+
+# --- results ----------------------------------------------------------------------------------------
+
+
+def test_results_that_would_merge_and_that_would_not(suites: Suites, tmp_path: Path) -> None:
+    def left(name: str, **fields: Any) -> None:
+        one: Report = msgspec.structs.replace(uorb(), row=name, **fields)
+        write_report(tmp_path, one)
+
+    assert stored(tmp_path, suites) == []
+    left("can", digest=suites.digest)
+    left("cyclone", digest=suites.digest, partial=True)
+    left("uorb", suites_version="0.9")
+    left("zenoh")
+    (tmp_path / "xrce").mkdir()
+    (tmp_path / "xrce" / "report.json").write_text("{}", encoding="utf-8")
+    assert stored(tmp_path, suites) == [
+        "can (suites 1.0)",
+        "cyclone (suites 1.0, partial)",
+        "uorb (suites 0.9: will not merge)",
+        "xrce (cannot be read: play it again)",
+        "zenoh (other suites 1.0: will not merge)",
+    ]
+
+
+# --- the whole --------------------------------------------------------------------------------------
+
+BACKENDS = [
+    find_backend("reference"),
+    Found(
+        "zenoh", "zenoh_that_is_not_there:Zenoh",
+        declare("zenoh", subject={"kind": "library", "says": "x", "install": "pip install zenoh"}),
+    ),
+    Found("mqtt", "mqtt:Mqtt", error=FormatError("nros_mqtt/backend.toml", 9, "unknown event 'LivelinesChanged'",
+                                                 "did you mean 'LivelinessChanged'?")),
+]  # fmt: skip
+
+
+def ready(name: str) -> Found:
+    """The model of uORB under another name, on the real clock."""
+    return replace(find_backend("uorb"), name=name, declaration=declare(name))
+
+
+def test_the_whole_of_a_host_that_is_well(suites: Suites, tmp_path: Path) -> None:
+    text, code = diagnose(suites, [BACKENDS[0], ready("own")], tmp_path, named=False, probes=WELL)
+    version = ready("own").load()(None).versions()["PX4 uORB (model)"]  # type: ignore[arg-type]
+    assert code is ExitCode.OK
+    assert text == (
+        f"nros-conformance 0.1.0   Python {platform.python_version()}   suites 1.0: 3 scenarios, 90 requirements\n"
+        "\n"
+        "host     2 cores\n"
+        "  ok       a sleeping thread wakes 0.3 ms late, 4.1 ms at worst over 2 s\n"
+        "  ok       loopback: UDP, UDP multicast on lo, TCP\n"
+        "  ok       a child process can be stopped, continued and killed\n"
+        "  ok       libfaketime: /usr/lib/faketime/libfaketime.so.1\n"
+        "\n"
+        "backends\n"
+        "  ready    reference     the control of every run, virtual clock\n"
+        f"  ready    own           PX4 uORB (model) {version}, library, real clock\n"
+        "\n"
+        f"results  {tmp_path}: none yet\n"
+        "\n"
+        "2 of 2 backends are ready. Next:  nros-conformance run --profile smoke\n"
+        "exit 0: nothing was asked for by name"
+    )
+
+
+def test_the_whole_of_a_host_that_lacks_everything(suites: Suites) -> None:
+    text, code = diagnose(suites, [*BACKENDS, ready("own")], Path("runs"), named=True, probes=ILL)
+    assert code is ExitCode.NOTHING
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 96
+    assert lines[2:17] == [
+        "host     1 core",
+        "  slow     lateness      a sleeping thread wakes 0.3 ms late, 80.0 ms at worst over 2 s; more",
+        "                         than 30 ms leaves scenarios unclear on own",
+        "                         let other work on this host end, or give it more cores",
+        "  ok       loopback: UDP",
+        "  missing  UDP multicast on lo  No such device; no evidence from rows that talk over it: any of own",
+        "                         ip link set lo up multicast on",
+        "  missing  TCP           timed out; no evidence from rows that talk over it: any of own",
+        "                         ip link set lo up multicast on",
+        "  missing  processes     a child process is not stopped by SIGSTOP; LVC-001, LVC-004 stay",
+        "                         unexercised on own",
+        "                         allow signals to child processes, for instance in the container's",
+        "                         seccomp profile",
+        "  missing  libfaketime   RDM-006 stays unexercised on own",
+        "                         apt install libfaketime",
+    ]
+    begin = lines.index("backends")
+    assert lines[begin : begin + 6] == [
+        "backends",
+        "  ready    reference     the control of every run, virtual clock",
+        "  missing  zenoh         no row of it: No module named 'zenoh_that_is_not_there'",
+        "                         pip install zenoh",
+        "  broken   mqtt          nros_mqtt/backend.toml:9: unknown event 'LivelinesChanged'; did you mean",
+        "                         'LivelinessChanged'?",
+    ]
+    assert lines[-5:] == [
+        "",
+        "results  runs: none yet",
+        "",
+        "2 of 4 backends are ready. Next:  nros-conformance run --backend own --profile smoke",
+        "exit 5: not available: zenoh, mqtt",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("found", "named", "end"),
+    [
+        (BACKENDS[1:2], False, "0 of 1 backend is ready.\nexit 0: nothing was asked for by name "
+                               "(doctor --backend zenoh would exit 5)"),
+        (BACKENDS[:2], False, "1 of 2 backends is ready.\nexit 0: nothing was asked for by name "
+                              "(doctor --backend zenoh would exit 5)"),
+        (BACKENDS[:1], True, "1 of 1 backend is ready.\nexit 0"),
+        ([], False, "backends\n  none is installed; run: pip install -e .\n\nresults  runs: none yet\n\n"
+                    "0 of 0 backends are ready.\nexit 0: nothing was asked for by name"),
+    ],
+)  # fmt: skip
+def test_how_it_ends(found: list[Found], named: bool, end: str, suites: Suites) -> None:
+    text, _ = diagnose(suites, found, Path("runs"), named=named, probes=WELL)
+    assert text.endswith(f"\n{end}")
+
+
+# --- as a command -----------------------------------------------------------------------------------
+
+
+def test_the_command_on_this_host(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--backend", "uorb", "--results", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "  ok       loopback: UDP, UDP multicast on lo, TCP\n" in out
+    assert "  ready    uorb          PX4 uORB (model) " in out
+    assert out.endswith("\nexit 0\n")
+
+
+def test_a_named_backend_that_is_not_available_is_exit_code_5(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "nros_conformance.cli.main", "doctor", "--backend", "absent:AbsentBackend",
+         "--results", str(tmp_path)],
+        capture_output=True, text=True, check=False, env={"PYTHONPATH": str(ADAPTERS), "PATH": ""},
+    )  # fmt: skip
+    assert done.returncode == 5
+    assert (
+        "  missing  absent        no row of it: No module named 'middleware_that_is_not_there'\n"
+        "                         pip install middleware-that-is-not-there\n"
+    ) in done.stdout
+    assert done.stdout.endswith("0 of 1 backend is ready.\nexit 5: not available: absent\n")
+
+
+def test_a_name_that_nothing_has_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--backend", "cyclon"]) == 4
+    assert capsys.readouterr().err == "nros-conformance: no backend 'cyclon'; did you mean 'cyclone'?\n"
