@@ -215,20 +215,26 @@ def try_child(
         ("continued", resume, os.WCONTINUED, os.WIFCONTINUED),
         ("killed", end, 0, os.WIFSIGNALED),
     )
-    for word, number, options, happened in steps:
-        watchdog = threading.Timer(limit_s, give_up)
-        watchdog.start()
-        try:
-            os.kill(child, number)
-            _, status = os.waitpid(child, options)
-        except OSError as error:
-            return f"a child process cannot be {word}: {_reason(error)}"
-        finally:
-            watchdog.cancel()
-            watchdog.join()
-        if late.is_set() or not happened(status):
-            _bury(child, status)
-            return f"a child process is not {word} by {signal.Signals(number).name}"
+    alive = True
+    try:
+        for word, number, options, happened in steps:
+            watchdog = threading.Timer(limit_s, give_up)
+            watchdog.start()
+            try:
+                os.kill(child, number)
+                _, status = os.waitpid(child, options)
+            except OSError as error:
+                return f"a child process cannot be {word}: {_reason(error)}"
+            finally:
+                watchdog.cancel()
+                watchdog.join()
+            alive = not (os.WIFSIGNALED(status) or os.WIFEXITED(status))
+            if late.is_set() or not happened(status):
+                return f"a child process is not {word} by {signal.Signals(number).name}"
+    finally:
+        if alive:  # none is left behind
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
     return ""
 
 
@@ -244,14 +250,6 @@ def _besides(faults: Iterable[str], suites: Suites, rows: Sequence[Declaration])
     )  # fmt: skip
     reasons = {one.reason for one in decisions if one.status == "untested" and "libfaketime" not in one.reason}
     return [f"not enough by itself: {reason}" for reason in sorted(reasons)]
-
-
-def _bury(child: int, status: int) -> None:
-    """End a child that is still there, so that none is left behind."""
-    if os.WIFSIGNALED(status) or os.WIFEXITED(status):
-        return
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
 
 
 def _udp(wait_s: float) -> socket.socket:

@@ -126,13 +126,17 @@ class RowRun:
             )
             for one in scenarios
         ]  # fmt: skip
-        together = [plan for plan in plans if self._to_play[plan.key].scenario.needs.process == "shared"]
+        wanted = {plan.key: self._to_play[plan.key].scenario.needs.process for plan in plans}
+        together = [plan for plan in plans if wanted[plan.key] == "shared"]
+        alone = [plan for plan in plans if wanted[plan.key] == "alone"]
         # The longest first, so that nothing long is left over at the end.
         together.sort(key=lambda plan: -plan.expected_ns)
         if together:
             pool.play(together, max(1, min(AT_ONCE >> (number - 1), self.row.declaration.bounds.sessions // 2)))
+        if alone:
+            pool.play(alone, 1)
         for plan in plans:
-            if plan not in together:
+            if wanted[plan.key] == "own":
                 pool.play([plan], 1)
 
     def _ended(self, ended: Ended) -> None:

@@ -32,6 +32,8 @@ class Injector:
         if injection.of == "session":
             driver = stage.drivers[step.of]
             arguments: dict[str, Any] = {"session": driver.session}
+            if injection.directed:
+                arguments["direction"] = step.direction
         else:
             (actor,) = stage.members(step.of)
             driver = actor.driver

@@ -22,8 +22,8 @@ _STANDINGS: Mapping[Standing, str] = {
 }  # fmt: skip
 _VIOLATED = (_STANDINGS["violated"], _STANDINGS["known"])
 _WIDTH = 96
-_SHOWN = 3
-"""Scenarios that are named for one requirement."""
+_SHOWN_FAILING, _SHOWN = 3, 1
+"""Scenarios that are named for a requirement that they violate, and for any other."""
 
 _KEY = re.compile(r"`([^`]+)`")
 _KEYS = re.compile(r"(?: `[^`]+`)+$")
@@ -258,6 +258,6 @@ def _wrapped(text: str) -> list[str]:
 
 
 def _behind(seen: Seen, reason: str = "") -> str:
-    scenarios, reason = seen.scenarios, reason or seen.reason
-    more = f" and {len(scenarios) - _SHOWN} more" if len(scenarios) > _SHOWN else ""
-    return "; ".join(filter(None, (", ".join(scenarios[:_SHOWN]) + more, reason)))
+    number = _SHOWN_FAILING if seen.standing in _VIOLATED else _SHOWN
+    more = f" and {len(seen.scenarios) - number} more" if len(seen.scenarios) > number else ""
+    return "; ".join(filter(None, (", ".join(seen.scenarios[:number]) + more, reason or seen.reason)))

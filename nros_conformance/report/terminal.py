@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
+from nros_conformance.report.columns import Column
 from nros_conformance.report.evidence import evidence
 from nros_conformance.report.results import Report, ScenarioResult
-from nros_conformance.report.table import Table, assemble
+from nros_conformance.report.table import Row, Table, assemble
 from nros_conformance.rmw.declaration import Declaration
 
 Say: TypeAlias = Callable[[str], None]
@@ -18,7 +19,7 @@ _HEADS = {
     "LivelinessChanged": ("Liveliness", "changed"), "RequestedDeadlineMissed": ("Requested", "deadline"),
     "MessageLost": ("Message", "lost"), "LivelinessLost": ("Liveliness", "lost"),
     "OfferedDeadlineMissed": ("Offered", "deadline"), "base": ("Base", "rules"), "ping": ("Ping", ""),
-    "reconnect": ("Recon-", "nect"), "hard_liveliness": ("Hard", "liv."),
+    "reconnect": ("Recon-", "nect"), "hard_liveliness": ("Hard", "liv."), "pat.deadline-alarm": ("100 Hz,", "15 ms"),
 }  # fmt: skip
 
 
@@ -113,16 +114,33 @@ def _word(result: ScenarioResult) -> str:
 def _cells(reports: Sequence[Report], levels: Mapping[str, str]) -> list[str]:
     shown: Table = assemble(reports, levels)
     rows = shown.rows or shown.control
-    heads = [column for column in shown.columns if column.id in _HEADS]
-    widths = [max(11, *(len(row.cell(column.id).text) + 2 for row in rows)) for column in heads]
+    lines: list[str] = []
+    for number in (1, 2):
+        heads = [column for column in shown.columns if column.table == number]
+        lines += ["", *_grid(rows, heads)] if lines else _grid(rows, heads)
+    return lines
+
+
+def _grid(rows: Sequence[Row], columns: Sequence[Column]) -> list[str]:
+    widths = [max(11, *(len(row.cell(column.id).text) + 2 for row in rows), *_widths(column)) for column in columns]
     lines = []
     for line in (0, 1):
-        texts = (f"{_HEADS[column.id][line]:<{width}}" for column, width in zip(heads, widths, strict=True))
-        lines.append(f"{'':<10}" + "".join(texts).rstrip())
+        texts = (f"{_head(column)[line]:<{width}}" for column, width in zip(columns, widths, strict=True))
+        lines.append(f"{'':<10}{''.join(texts)}".rstrip())
     for row in rows:
-        texts = (f"{row.cell(column.id).text:<{width}}" for column, width in zip(heads, widths, strict=True))
-        lines.append(f"{row.name:<10}" + "".join(texts).rstrip())
+        texts = (f"{row.cell(column.id).text:<{width}}" for column, width in zip(columns, widths, strict=True))
+        lines.append(f"{row.name:<10}{''.join(texts)}".rstrip())
     return lines
+
+
+def _head(column: Column) -> tuple[str, str]:
+    """Two short lines: of a pattern, its first word and the others."""
+    first, _, rest = column.title.partition(" ")
+    return _HEADS.get(column.id, (first, rest))
+
+
+def _widths(column: Column) -> Iterator[int]:
+    return (len(text) + 1 for text in _head(column))
 
 
 def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:

@@ -200,8 +200,9 @@ class Backend(abc.ABC):
         - ``preset`` (``entity``, ``count``, ``kind``: int or None): the total (alive_count) of that event
           on this entity becomes ``count``, as if so much had been reported; for None the number by which
           losses are found, of the entity's topic, so that the next sample follows it. Nothing is lost.
-        - ``partition`` (``session``): nothing passes between it and the others any more, in either
-          direction; ``heal`` (``session``) ends that. Declared together, as ``partition``.
+        - ``partition`` (``session``): nothing passes between it and the others any more;
+          ``block`` (``session``, ``direction``: "out" or "in"): nothing of what it sends, respectively of
+          what others send to it; ``heal`` (``session``), declared with either of the two, ends that.
         """
         return ReturnCode.UNSUPPORTED
 

@@ -14,29 +14,31 @@ from nros_conformance.suite.schema import Fault
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Injection:
-    """One fault. ``declared``: the key of ``[faults]`` by which a backend says that it can."""
+    """One fault. ``declared``: the keys of ``[faults]`` by any of which a backend says that it can."""
 
     of: Literal["publisher", "entity", "session"]
-    declared: str
+    declared: tuple[str, ...]
     counted: bool = False
     publishes: bool = False
     """Whether the step itself publishes ``count`` samples, under its label."""
+    directed: bool = False
 
 
 INJECTIONS = {
-    "lose": Injection("publisher", "lose", counted=True, publishes=True),
-    "duplicate": Injection("publisher", "duplicate", counted=True, publishes=True),
-    "reorder": Injection("publisher", "reorder", counted=True, publishes=True),
-    "preset": Injection("entity", "preset", counted=True),
-    "partition": Injection("session", "partition"),
-    "heal": Injection("session", "partition"),
+    "lose": Injection("publisher", ("lose",), counted=True, publishes=True),
+    "duplicate": Injection("publisher", ("duplicate",), counted=True, publishes=True),
+    "reorder": Injection("publisher", ("reorder",), counted=True, publishes=True),
+    "preset": Injection("entity", ("preset",), counted=True),
+    "partition": Injection("session", ("partition",)),
+    "block": Injection("session", ("block",), directed=True),
+    "heal": Injection("session", ("partition", "block")),
 }
 """By the name of the fault. The others need a session in a process of its own, or a peer."""
 
 
 def injectable(fault: str, declared: Collection[str]) -> bool:
     """Whether a backend that declares these faults can be asked for this one."""
-    return fault in INJECTIONS and INJECTIONS[fault].declared in declared
+    return fault in INJECTIONS and any(key in declared for key in INJECTIONS[fault].declared)
 
 
 def publishes(step: object) -> bool:
@@ -60,8 +62,9 @@ def check_injection(names: Names, path: Path_, step: Fault) -> None:
         names.check_entities(here, [step.of], Side.PUBLISHER if injection.of == "publisher" else None)
     if step.kind is not None:
         names.check_side(here, step.kind, step.of)
-    if injection.counted and step.count is None:
-        raise error(path, f"{step.fault} without count:", "add count:")
+    for key, needed in (("count", injection.counted), ("direction", injection.directed)):
+        if needed and getattr(step, key) is None:
+            raise error(path, f"{step.fault} without {key}:", f"add {key}:")
     least = 1 if injection.publishes else 0
     if step.count is not None and step.count < least:
         raise error((*path, "count"), f"count: {step.count} is less than {least}")

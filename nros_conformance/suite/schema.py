@@ -131,7 +131,8 @@ class Fault(Step, frozen=True, kw_only=True):
 
     ``lose``, ``duplicate``, ``reorder``: that publisher publishes ``count`` samples under this step's
     label, and none of them arrives, each arrives twice, the last one arrives first.
-    ``partition``, ``heal``: nothing passes between that session and the others, respectively all again.
+    ``partition``: nothing passes between that session and the others; ``block``: nothing ``out`` of it,
+    or ``in``; ``heal``: all passes again.
     ``preset``: the total (or alive_count) of event ``kind`` on that entity becomes ``count``; without
     ``kind``, the number that the wire or the queue gives to the next sample of its topic.
     """
@@ -142,7 +143,7 @@ class Fault(Step, frozen=True, kw_only=True):
     kind: KindName | None = None
     by: Duration | None = None
     for_: Duration | None = field(default=None, name="for")
-    direction: Literal["both", "to-subscription", "to-publisher"] = "both"
+    direction: Literal["out", "in"] | None = None
 
 
 class Settle(Step, frozen=True, kw_only=True):
@@ -507,7 +508,8 @@ class Needs(Base, frozen=True, kw_only=True):
     declares: dict[str, Any] = {}
     """Fields of the declaration and the value that they must have, such as ``callback_cap: true``."""
     clock: Literal["any", "real", "virtual"] = "any"
-    process: Literal["shared", "own"] = "shared"
+    process: Literal["shared", "alone", "own"] = "shared"
+    """``alone``: nothing else plays meanwhile, because it times calls; ``own``: a process of its own."""
 
 
 class Scale(Base, frozen=True, kw_only=True):

@@ -154,15 +154,19 @@ def test_without_a_requirement_behind_it_the_reason_is_told(read: Any) -> None:
     ]
 
 
-def test_long_reasons_are_wrapped_and_of_many_scenarios_some_are_named() -> None:
+@pytest.mark.parametrize(
+    ("outcome", "lines"),
+    [
+        ("pass", ["  RDM-001  not exercised -> holds   rdm.a-long-name-of-a-scenario-0 and 4 more"]),
+        ("fail", ["  RDM-001  not exercised -> violated   rdm.a-long-name-of-a-scenario-0,",
+                  "    rdm.a-long-name-of-a-scenario-1, rdm.a-long-name-of-a-scenario-2 and 2 more"]),
+    ],
+)  # fmt: skip
+def test_of_many_scenarios_some_are_named_and_long_lines_are_wrapped(outcome: Any, lines: list[str]) -> None:
     declaration = declare()
     old = report(declaration, everything(declaration, "RDM-001"))
-    shown = [result(f"rdm.a-rather-long-name-of-a-scenario-{number}", "RDM-001") for number in range(5)]
-    assert diff(snapshot(old), instead(old, *shown)).splitlines()[1:4] == [
-        "  RDM-001  not exercised -> holds   rdm.a-rather-long-name-of-a-scenario-0,",
-        "    rdm.a-rather-long-name-of-a-scenario-1, rdm.a-rather-long-name-of-a-scenario-2 and 2 more",
-        "",
-    ]
+    shown = [result(f"rdm.a-long-name-of-a-scenario-{number}", "RDM-001", outcome=outcome) for number in range(5)]
+    assert diff(snapshot(old), instead(old, *shown)).splitlines()[1:-2] == lines
 
 
 @pytest.mark.parametrize("read", BOTH)
@@ -202,6 +206,16 @@ def test_rows_versions_suites_profile_and_columns(read: Any) -> None:
 def test_a_column_that_is_gone() -> None:
     pattern = result("pat.slow", suite="patterns", title="Slow consumer", findings=[])
     assert diff(snapshot(instead(uorb(), pattern)), uorb()).splitlines()[0] == "columns  - Slow consumer"
+
+
+@pytest.mark.parametrize("read", BOTH)
+def test_a_pattern_that_works_now(read: Any) -> None:
+    def pattern(outcome: Any) -> ScenarioResult:
+        return result("pat.slow", "DSP-010", suite="patterns", title="Slow consumer", outcome=outcome)
+
+    assert diff(read(instead(uorb(), pattern("fail"))), instead(uorb(), pattern("pass"))) == (
+        "uORB, Slow consumer: partly -> yes\n  the pattern works\n\n1 of 10 cells changed against old"
+    )
 
 
 def test_a_row_whose_variant_is_gone_with_its_backend() -> None:

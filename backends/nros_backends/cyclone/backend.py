@@ -35,7 +35,9 @@ from __future__ import annotations
 import importlib.metadata
 import weakref
 from collections.abc import Mapping
+from typing import Any
 
+from nros_backends.cyclone.faults import inject
 from nros_backends.cyclone.native import Native
 from nros_backends.cyclone.network import DOMAINS, LEASE_MAX_MS, LEASE_MS, Network
 from nros_backends.cyclone.publisher import CyclonePublisher
@@ -100,6 +102,10 @@ class CycloneBackend(Backend):
         if not publisher.send_heartbeat():
             clock.wait(None, clock.now_ns() + _HANDSHAKE_NS)
         return True
+
+    def inject(self, fault: str, **arguments: Any) -> int:
+        """See `faults`."""
+        return inject(fault, arguments)
 
     def versions(self) -> Mapping[str, str]:
         return {"cyclonedds": importlib.metadata.version("cyclonedds")}

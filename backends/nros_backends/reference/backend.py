@@ -25,6 +25,9 @@ from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
 from nros_conformance.rmw.events import EventCallback, EventKind, Side
 from nros_conformance.rmw.qos import QosProfile
 
+CAPACITY = 2**20
+"""Bytes of the largest sample."""
+
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 
 
@@ -221,6 +224,8 @@ class ReferencePublisher(_Entity, Publisher):
     def publish_raw(self, data: bytes) -> int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
+        if len(data) > CAPACITY:
+            return ReturnCode.MESSAGE_TOO_LARGE
         with self.backend.lock:
             now = self.backend.clock.now_ns()
             self.backend.tell(self.backend.world.publish(self.id, data, now, lost=self.unheard))

@@ -50,8 +50,8 @@ def run(folder: Path, code: str, declaration: str) -> subprocess.CompletedProces
 
 def cell(output: str) -> str:
     """The word in the column of RequestedDeadlineMissed."""
-    (row,) = re.findall(r"^variant   (?!\s*\d)(.*)$", output, re.MULTILINE)
-    return re.split(r"\s{2,}", row)[1]
+    events, _connection = re.findall(r"^variant   (?!\s*\d)(.*)$", output, re.MULTILINE)
+    return str(re.split(r"\s{2,}", events)[1])
 
 
 def test_the_adapter_as_it_is_passes(tmp_path: Path) -> None:
