@@ -34,6 +34,10 @@ class Injector:
             arguments: dict[str, Any] = {"session": driver.session}
             if injection.directed:
                 arguments["direction"] = step.direction
+            if injection.lasting and step.by is not None:
+                arguments["by_ns"] = step.by.ns(stage.quantities)
+            if injection.counted:
+                arguments |= {"count": step.count, "seed": stage.plan.header.seed}
         else:
             (actor,) = stage.members(step.of)
             driver = actor.driver

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable
+from pathlib import Path
 
 from nros_conformance.node.executor import Executor
 from nros_conformance.play import payload
@@ -72,6 +73,7 @@ class Stage:
             variant=plan.header.variant,
             network=plan.network,
             ports=range(*plan.ports),
+            scratch=Path(f"{plan.trace}.d"),
             options=plan.options,
         )
         self.backend = adapter(host)

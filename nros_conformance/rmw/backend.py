@@ -29,7 +29,10 @@ class Host:
     """What the harness lends a backend for one scenario.
 
     ``network`` numbers the scenarios that live at the same time on this host, so that each can have a
-    domain, port or partition of its own; ``ports`` are leased for this run alone.
+    domain, port or partition of its own; ``ports`` are leased for this run alone. ``scratch`` is a folder
+    that this play alone may create and use; what is left in it stays beside the trace.
+    ``processes``: some session of this play lives in a process of its own, with an adapter of its own
+    (same ``network``, ``ports``, ``scratch``), so memory does not connect them.
     """
 
     clock: Clock
@@ -37,6 +40,7 @@ class Host:
     network: int = 0
     ports: range = range(0)
     scratch: Path = Path()
+    processes: bool = False
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -186,6 +190,13 @@ class Backend(abc.ABC):
         """Wait, without sending data, until both ends know each other; None: this backend cannot tell.
 
         Called from the harness while other threads drive both sessions.
+        """
+        return None
+
+    def matched(self, entity: Entity) -> int | None:
+        """How many entities at the other end it knows now; None: this backend cannot tell.
+
+        Asked where the two ends live in different processes; called on the thread of its session.
         """
         return None
 

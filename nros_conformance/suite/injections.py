@@ -22,6 +22,8 @@ class Injection:
     publishes: bool = False
     """Whether the step itself publishes ``count`` samples, under its label."""
     directed: bool = False
+    lasting: bool = False
+    """Whether ``by:`` says how long."""
 
 
 INJECTIONS = {
@@ -31,7 +33,11 @@ INJECTIONS = {
     "preset": Injection("entity", ("preset",), counted=True),
     "partition": Injection("session", ("partition",)),
     "block": Injection("session", ("block",), directed=True),
-    "heal": Injection("session", ("partition", "block")),
+    "delay": Injection("session", ("delay",), lasting=True),
+    "stall": Injection("session", ("stall",)),
+    "bus_off": Injection("session", ("bus_off",)),
+    "heal": Injection("session", ("partition", "block", "delay", "stall", "bus_off")),
+    "inject": Injection("session", ("inject",), counted=True),
 }
 """By the name of the fault. The others need a session in a process of its own, or a peer."""
 
@@ -62,7 +68,8 @@ def check_injection(names: Names, path: Path_, step: Fault) -> None:
         names.check_entities(here, [step.of], Side.PUBLISHER if injection.of == "publisher" else None)
     if step.kind is not None:
         names.check_side(here, step.kind, step.of)
-    for key, needed in (("count", injection.counted), ("direction", injection.directed)):
+    needed_keys = (("count", injection.counted), ("direction", injection.directed), ("by", injection.lasting))
+    for key, needed in needed_keys:
         if needed and getattr(step, key) is None:
             raise error(path, f"{step.fault} without {key}:", f"add {key}:")
     least = 1 if injection.publishes else 0

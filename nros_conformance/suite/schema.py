@@ -132,7 +132,9 @@ class Fault(Step, frozen=True, kw_only=True):
     ``lose``, ``duplicate``, ``reorder``: that publisher publishes ``count`` samples under this step's
     label, and none of them arrives, each arrives twice, the last one arrives first.
     ``partition``: nothing passes between that session and the others; ``block``: nothing ``out`` of it,
-    or ``in``; ``heal``: all passes again.
+    or ``in``; ``delay``: what it sends arrives ``by`` so much later; ``stall``: what it sends is held back;
+    ``bus_off``: its controller is off the bus; ``heal``: all passes again, in order what was held back.
+    ``inject``: ``count`` malformed packets reach that session.
     ``preset``: the total (or alive_count) of event ``kind`` on that entity becomes ``count``; without
     ``kind``, the number that the wire or the queue gives to the next sample of its topic.
     """
