@@ -17,7 +17,7 @@ from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
-from nros_conformance.suite.kinds import registered_kinds
+from nros_conformance.suite.kinds import faults_needed, registered_kinds
 from nros_conformance.suite.walk import members, session_of, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
 
@@ -74,6 +74,7 @@ class Stage:
             network=plan.network,
             ports=range(*plan.ports),
             scratch=Path(f"{plan.trace}.d"),
+            faults=faults_needed(scenario),
             options=plan.options,
         )
         self.backend = adapter(host)

@@ -30,7 +30,7 @@ from typing import Any
 from nros_backends.zenoh.config import LEASE_MS
 from nros_backends.zenoh.ends import End
 from nros_backends.zenoh.environment import GivenRouter, OwnRouter
-from nros_backends.zenoh.faults import Faults
+from nros_backends.zenoh.faults import WIRE_FAULTS, Faults
 from nros_backends.zenoh.network import Network
 from nros_backends.zenoh.ping import ping_before_session
 from nros_backends.zenoh.policies import is_node_name
@@ -64,7 +64,7 @@ class ZenohBackend(Backend):
 
     def __init__(self, host: Host) -> None:
         super().__init__(host)
-        self._network = Network(host.scratch, processes=host.processes)
+        self._network = Network(host.scratch, processes=host.processes, proxies=bool(host.faults & WIRE_FAULTS))
         self._sessions: weakref.WeakSet[ZenohSession] = weakref.WeakSet()
         self._faults = Faults(self._network, lambda: list(self._sessions))
         given = host.options.get("locator", "")

@@ -16,6 +16,9 @@ LEASE_MS = 500
 RETRY_MS = 50
 """How soon a session tries again to connect; zenoh's own is 1 s, growing to 4 s."""
 
+_WAIT_BEFORE_DROP_US = 50_000
+"""How long a best-effort sample waits for room in zenoh's queue of two batches before it is dropped."""
+
 Mode = Literal["peer", "client", "router"]
 
 
@@ -50,6 +53,8 @@ def open_session(
         "transport/link/tx/lease": lease_ms,
         # What blocks a reliable publication for longer than the lease is a dead peer.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": lease_ms * 1000,
+        # The default of 1 ms is shorter than a busy host takes to run zenoh's own sender.
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _WAIT_BEFORE_DROP_US,
         "transport/shared_memory/enabled": False,
     }
     config = zenoh.Config()

@@ -18,6 +18,9 @@ from nros_backends.zenoh.publisher import ZenohPublisher
 from nros_backends.zenoh.session import ZenohSession
 from nros_conformance.rmw.codes import ReturnCode
 
+WIRE_FAULTS = frozenset({"lose", "partition", "block", "delay", "stall", "heal"})
+"""Those that take proxies."""
+
 
 class Faults:
     """`Backend.inject`. ``sessions`` are those of the backend."""
@@ -52,14 +55,14 @@ class Faults:
         return ReturnCode.UNSUPPORTED
 
     def _on_wire(self, fault: str, session: ZenohSession, arguments: Mapping[str, Any]) -> int:
+        if fault == "inject":
+            return self._malformed(session, arguments["count"], random.Random(arguments["seed"]))
         if not self._network.whole(session):
             return ReturnCode.UNSUPPORTED
         match fault, arguments:
             case "heal", _:
                 self._network.release(session)
                 return ReturnCode.OK
-            case "inject", {"count": int(count), "seed": int(seed)}:
-                return self._malformed(session, count, random.Random(seed))
             case "partition", _:
                 for sent, received in self._network.flows(session):
                     sent.held = received.held = True

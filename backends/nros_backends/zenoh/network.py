@@ -4,8 +4,8 @@ Without a locator they are peers, each connected to all others directly. Who com
 are there; it finds their ports in memory, or in the folder of the play when sessions live in other processes.
 With a locator they are clients of the router there.
 
-Every TCP connection passes a proxy of the process that opened it. What a session sends, or is sent, can then be
-held up in all its proxies.
+Where faults are to be injected, every TCP connection passes a proxy of the process that opened it. What a session
+sends, or is sent, can then be held up in all its proxies.
 """
 
 from __future__ import annotations
@@ -47,9 +47,10 @@ class Joined:
 class Network:
     """The transports of one backend."""
 
-    def __init__(self, scratch: Path, *, processes: bool) -> None:
+    def __init__(self, scratch: Path, *, processes: bool, proxies: bool) -> None:
         self._scratch = scratch
         self._processes = processes
+        self._proxies = proxies
         self._lock = threading.Lock()
         self._loop: Loop | None = None
         self._joined: list[Joined] = []
@@ -103,8 +104,9 @@ class Network:
 
     def whole(self, owner: object) -> bool:
         """Whether all connections of ``owner`` pass proxies of this process."""
-        mine = [one for one in self._joined if one.owner is owner]
-        return all(one.port == 0 for one in mine) and bool(self._links_of(owner)) if self._processes else True
+        if not self._proxies or not self._processes:
+            return self._proxies
+        return not self.ports(owner) and bool(self._links_of(owner))
 
     def ports(self, owner: object) -> list[int]:
         """Where the transports of ``owner`` listen."""
@@ -117,7 +119,7 @@ class Network:
 
     def _client(self, owner: object, locator: str, lease_ms: int) -> Joined:
         address = tcp_address(locator)
-        proxy = None if address is None else self._proxy(address)
+        proxy = self._proxy(address) if address is not None and self._proxies else None
         try:
             session = open_session(
                 "client", connect=[locator if proxy is None else f"tcp/127.0.0.1:{proxy.port}"], lease_ms=lease_ms
@@ -132,12 +134,13 @@ class Network:
         return joined
 
     def _peer(self, owner: object, lease_ms: int) -> Joined:
-        proxies = {port: self._proxy(("127.0.0.1", port)) for port in self._peers()}
+        peers = self._peers()
+        proxies = {port: self._proxy(("127.0.0.1", port)) for port in peers} if self._proxies else {}
         try:
             session = open_session(
                 "peer",
                 listen=[_ANY_PORT],
-                connect=[f"tcp/127.0.0.1:{proxy.port}" for proxy in proxies.values()],
+                connect=[f"tcp/127.0.0.1:{proxies[port].port if port in proxies else port}" for port in peers],
                 lease_ms=lease_ms,
             )
             address = tcp_address(locators(session, "peer")[0])

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from nros_backends.zenoh import keys
+from nros_backends.zenoh import attachment, keys
 from nros_backends.zenoh.ends import End
 from nros_backends.zenoh.keys import Token
 from nros_backends.zenoh.leases import Watch
@@ -63,6 +63,8 @@ class ZenohSession(Session):
         """The same as far as the inbox has been worked off."""
         self._ends: dict[int, End] = {}
         self._numbers = 0
+        self._subscribers: dict[str, tuple[zenoh.Subscriber[None], list[int]]] = {}
+        """By key: the subscriber, and the numbers of the subscriptions that share it."""
         self._links: set[str] = set()
         """Whom its transport is connected to."""
         self._watch: Watch | None = None
@@ -165,16 +167,34 @@ class ZenohSession(Session):
         """Have `drive_io` look, now if it waits."""
         self._signal.set()
 
-    def receiver(self, number: int) -> Any:
-        """The handler for samples of the subscription with this number."""
+    def subscribe(self, key: str, number: int) -> None:
+        """Have the samples on this key for the subscription with this number too.
 
-        def on_sample(sample: zenoh.Sample) -> None:
-            at_ns = self.clock.now_ns()
-            if sample.kind == zenoh.SampleKind.PUT:
-                payload, extra = sample.payload.to_bytes(), _bytes(sample.attachment)
-                self._note(lambda: self._subscription(number, lambda end: end.sample(payload, extra, at_ns)))
+        Subscriptions to one key share a zenoh subscriber: zenoh would call Python once for each.
+        """
+        with self.dispatching:
+            if key in self._subscribers:
+                self._subscribers[key][1].append(number)
+                return
+            numbers = [number]
 
-        return _callback(on_sample)
+            def on_sample(sample: zenoh.Sample) -> None:
+                at_ns = self.clock.now_ns()
+                if sample.kind == zenoh.SampleKind.PUT:
+                    payload, extra = sample.payload.to_bytes(), _bytes(sample.attachment)
+                    self._note(lambda: self._sample(numbers, payload, extra, at_ns))
+
+            self._subscribers[key] = self.zenoh.declare_subscriber(key, _callback(on_sample)), numbers
+
+    def unsubscribe(self, key: str, number: int) -> None:
+        """The contrary."""
+        with self.dispatching:
+            subscriber, numbers = self._subscribers[key]
+            numbers.remove(number)
+            if numbers:
+                return
+            del self._subscribers[key]
+        subscriber.undeclare()
 
     def collector(self, number: int, gid: bytes) -> tuple[Callable[[zenoh.Sample], None], Callable[[], None]]:
         """What takes in the history of a publisher for a subscription, and its end."""
@@ -276,6 +296,14 @@ class ZenohSession(Session):
         for subscription in self.subscriptions():
             (subscription.publisher_came if alive else subscription.publisher_left)(token, at_ns)
         return False
+
+    def _sample(self, numbers: list[int], payload: bytes, extra: bytes | None, at_ns: int) -> bool:
+        about = attachment.decode(extra, payload)
+        if about is None:
+            return False
+        ends = [self._ends.get(number) for number in numbers]
+        fresh = [end.sample(payload, about, at_ns) for end in ends if isinstance(end, ZenohSubscription)]
+        return any(fresh)
 
     def _subscription(self, number: int, tell: Callable[[ZenohSubscription], bool]) -> bool:
         end = self._ends.get(number)

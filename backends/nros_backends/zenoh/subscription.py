@@ -70,14 +70,15 @@ class ZenohSubscription(End, Subscription):
         self._message: tuple[MessageCallback, object] | None = None
         self._lock = threading.Lock()
         """Guards the queue; never held during a callback."""
-        self._subscriber: zenoh.Subscriber[None] | None = None
+        self._created_ns = session.clock.now_ns()
+        self._data_key = data_key(session.domain, topic, type_name, "*")
+        self._declared = False
         self._token: zenoh.LivelinessToken | None = None
 
     def declare(self) -> None:
         """Subscribe. The token comes last: who sees it knows that samples get through."""
-        self._subscriber = self.session.zenoh.declare_subscriber(
-            data_key(self.session.domain, self.topic, self.type_name, "*"), self.session.receiver(self.number)
-        )
+        self.session.subscribe(self._data_key, self.number)
+        self._declared = True
         self._token = self.session.zenoh.liveliness().declare_token(self.token.key)
 
     def has_data(self) -> bool | int:
@@ -132,10 +133,9 @@ class ZenohSubscription(End, Subscription):
             self._alive.left(token.key, at_ns)
             self._numbers.resume(token.gid)
 
-    def sample(self, payload: bytes, extra: bytes | None, at_ns: int) -> bool:
+    def sample(self, payload: bytes, about: Attachment, at_ns: int) -> bool:
         """A sample arrived at ``at_ns``; whether it is one that counts."""
-        about = attachment.decode(extra, payload)
-        if about is None or about.gid in self._strangers:
+        if at_ns < self._created_ns or about.gid in self._strangers:
             return False
         if about.gid in self._asked:
             self._asked[about.gid].append((at_ns, payload, about))
@@ -181,12 +181,12 @@ class ZenohSubscription(End, Subscription):
         with self._lock:
             self._message = None
             self._waiting.clear()
-        subscriber, self._subscriber = self._subscriber, None
+        declared, self._declared = self._declared, False
         token, self._token = self._token, None
         if token is not None:
             token.undeclare()
-        if subscriber is not None:
-            subscriber.undeclare()
+        if declared:
+            self.session.unsubscribe(self._data_key, self.number)
 
     # Inside.
 
