@@ -168,7 +168,7 @@ class Declaration(_Part, frozen=True, kw_only=True):
     """The reference: it belongs to the control line and has no row."""
     planted: list[Planted] = []
     variants: dict[str, dict[str, Any]] = {}
-    """One row each. ``default = false``: only if asked for; ``connection = { ... }`` replaces fields of that section."""
+    """One row each. ``default = false``: only if asked for; ``connection = {...}`` replaces fields of that section."""
     events: dict[str, Event] = {}
     connection: Connection = Connection()
     bounds: Bounds = Bounds()
