@@ -20,7 +20,7 @@ from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
-from nros_conformance.suite.kinds import registered_kinds
+from nros_conformance.suite.kinds import faults_needed, registered_kinds
 from nros_conformance.suite.walk import members, session_of, step_labels, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
 
@@ -95,6 +95,7 @@ class Stage:
             network=plan.network,
             ports=range(*plan.ports),
             scratch=Path(f"{plan.trace}.d"),
+            faults=faults_needed(scenario),
             options=plan.options,
             processes=bool(only or self._apart),
         )
