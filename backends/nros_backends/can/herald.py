@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import itertools
 import os
 from collections.abc import Iterable, Mapping
@@ -17,6 +18,7 @@ from nros_backends.can.messages import (
     HEARTBEAT_SUBJECT,
     SIGN_SUBJECT,
     STATUS_SUBJECT,
+    Endpoint,
     Heartbeat,
     Sign,
     SignKind,
@@ -54,10 +56,9 @@ class Said(NamedTuple):
 
 
 class Outlet:
-    """A subject on which this node sends the samples of one topic, numbered without gaps."""
+    """A subject on which this node sends samples of one topic and QoS, numbered without gaps."""
 
-    def __init__(self, topic: bytes, subject: int) -> None:
-        self.topic = topic
+    def __init__(self, subject: int) -> None:
         self.subject = subject
         self.count = 0
         """Samples sent, modulo `NUMBERS`; also the number of the next one."""
@@ -84,7 +85,7 @@ class Herald:
         self._incarnation = os.urandom(1)[0]
         self._begin_ns = self._beat_ns = self._told_ns = clock.now_ns()
         self._round = 0
-        self._outlets: dict[bytes, Outlet] = {}
+        self._outlets: dict[Endpoint, Outlet] = {}
         self._transfers = {
             subject: itertools.count()
             for subject in (HEARTBEAT_SUBJECT, ENDPOINT_SUBJECT, STATUS_SUBJECT, SIGN_SUBJECT)
@@ -152,21 +153,35 @@ class Herald:
         outlet.count = outlet.told = count % NUMBERS
         return self._send(STATUS_SUBJECT, Status(outlet.subject, outlet.count, rebased=True).encode())
 
-    def outlet(self, topic: bytes) -> Outlet:
-        """Where a topic is sent: on its fixed subject, or on the first free one from its hash on.
+    def outlet(self, profile: Endpoint) -> Outlet:
+        """Where publishers with this topic and QoS send; ``profile``: one of them, whichever number it has.
 
-        A subject belongs to one topic of a node, and subscriptions know whose it is by the announcement,
-        so that topics whose hashes collide do not mix. Raises `RmwError` BAD_ALLOC when none is free.
+        The topic's fixed subject, or the first free one from its hash on. A subject belongs to one topic and
+        QoS of a node, and subscriptions know whose it is by the announcement: neither topics whose hashes
+        collide nor publishers that a subscription does not want are mixed. Raises `RmwError` BAD_ALLOC when
+        none is free, INCOMPATIBLE_QOS when a fixed subject would have to carry two kinds.
         """
-        if topic not in self._outlets:
-            taken = {outlet.subject for outlet in self._outlets.values()} | set(self._fixed.values())
-            first = int.from_bytes(topic, "little")
-            candidates = ((first + step) % (SUBJECT_MAX + 1) for step in range(SUBJECT_MAX + 1))
-            subject = self._fixed.get(topic, next((one for one in candidates if one not in taken), None))
-            if subject is None:
-                raise RmwError(ReturnCode.BAD_ALLOC, "no subject is free")
-            self._outlets[topic] = Outlet(topic, subject)
-        return self._outlets[topic]
+        kind = dataclasses.replace(profile, number=0)
+        if kind in self._outlets:
+            return self._outlets[kind]
+        subject = self._fixed.get(kind.topic)
+        if subject is not None:
+            if any(outlet.subject == subject and outlet.publishers for outlet in self._outlets.values()):
+                raise RmwError(
+                    ReturnCode.INCOMPATIBLE_QOS, f"publishers of subject {subject}, which is fixed, have another QoS"
+                )
+        else:
+            subject = self._free_subject(int.from_bytes(kind.topic, "little"))
+        self._outlets[kind] = Outlet(subject)
+        return self._outlets[kind]
+
+    def _free_subject(self, first: int) -> int:
+        taken = {outlet.subject for outlet in self._outlets.values()} | set(self._fixed.values())
+        for step in range(SUBJECT_MAX + 1):
+            subject = (first + step) % (SUBJECT_MAX + 1)
+            if subject not in taken:
+                return subject
+        raise RmwError(ReturnCode.BAD_ALLOC, "no subject is free")
 
     def adjust(self, qualities: Iterable[QosProfile]) -> None:
         """Beat as often as the AUTOMATIC publishers need that there are now."""

@@ -16,22 +16,19 @@ from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import Liveliness, QosProfile
 
 if TYPE_CHECKING:
-    from nros_backends.can.herald import Outlet
     from nros_backends.can.session import CanSession
 
 
 class CanPublisher(End, Publisher):
-    """One of the publishers that send through an `Outlet`: those of one topic share its subject and numbers."""
+    """One of the publishers that send through an `Outlet`: those of one topic and QoS share subject and numbers."""
 
     missed_kind = EventKind.OFFERED_DEADLINE_MISSED
     is_reader = False
 
-    def __init__(
-        self, session: CanSession, number: int, names: tuple[str, str], qos: QosProfile, outlet: Outlet
-    ) -> None:
+    def __init__(self, session: CanSession, number: int, names: tuple[str, str], qos: QosProfile) -> None:
         self._lost = CountTracker()
         super().__init__(session, number, names, qos, {EventKind.LIVELINESS_LOST: self._lost})
-        self.outlet = outlet
+        self.outlet = session.herald.outlet(self.profile)
         self.asserted_ns = session.clock.now_ns()
         """When it was last said to be alive; its creation is the first time."""
         self._is_lost = False

@@ -66,20 +66,10 @@ class CanSession(Session):
     # The contract.
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
-        """Publishers of one topic share a subject, so they agree on what belongs to its samples."""
         with self.lock:
             qos = self._admit(topic, type_name, qos)
-            outlet = self.herald.outlet(digest(topic.removeprefix("/")))
-            for other in self._ends:
-                if isinstance(other, CanPublisher) and other.outlet is outlet:
-                    theirs = (other.qos.reliability, other.qos.lifespan_ms)
-                    if theirs != (qos.reliability, qos.lifespan_ms):
-                        raise RmwError(
-                            ReturnCode.INCOMPATIBLE_QOS,
-                            "the publishers of one topic in one session share reliability and lifespan",
-                        )
-            publisher = CanPublisher(self, self._number(), (topic, type_name), qos, outlet)
-            outlet.publishers += 1
+            publisher = CanPublisher(self, self._number(), (topic, type_name), qos)
+            publisher.outlet.publishers += 1
             self._add(publisher)
             return publisher
 
