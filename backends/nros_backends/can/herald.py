@@ -77,6 +77,8 @@ class Herald:
         """Whether somebody has come who has to be told everything."""
         self.said: collections.deque[Said] = collections.deque()
         """For this session's own ears."""
+        self.listening = False
+        """Whether this session has subscriptions; else its own samples are not kept for them."""
         self._link = link
         self._clock = clock
         self._fixed = subjects
@@ -140,7 +142,7 @@ class Herald:
         """Send a sample. Its number is used up when at least one frame of it went out."""
         framed = payload if self._link.mtu == MTU_CLASSIC else len(payload).to_bytes(_LENGTH_SIZE, "little") + payload
         code = self._link.send(outlet.subject, outlet.count, framed, DATA_PRIORITY)
-        if code == ReturnCode.OK:
+        if code == ReturnCode.OK and self.listening:
             self.said.append(Said(outlet.subject, outlet.count, payload, self._clock.now_ns()))
         if code == ReturnCode.OK or self._link.cut:
             outlet.count = (outlet.count + 1) % NUMBERS
@@ -162,18 +164,26 @@ class Herald:
         none is free, INCOMPATIBLE_QOS when a fixed subject would have to carry two kinds.
         """
         kind = dataclasses.replace(profile, number=0)
-        if kind in self._outlets:
-            return self._outlets[kind]
-        subject = self._fixed.get(kind.topic)
-        if subject is not None:
-            if any(outlet.subject == subject and outlet.publishers for outlet in self._outlets.values()):
-                raise RmwError(
-                    ReturnCode.INCOMPATIBLE_QOS, f"publishers of subject {subject}, which is fixed, have another QoS"
-                )
-        else:
-            subject = self._free_subject(int.from_bytes(kind.topic, "little"))
-        self._outlets[kind] = Outlet(subject)
+        if kind not in self._outlets:
+            fixed = self._fixed.get(kind.topic)
+            if fixed is None:
+                self._outlets[kind] = Outlet(self._free_subject(int.from_bytes(kind.topic, "little")))
+            else:
+                self._outlets[kind] = self._take_over(fixed)
         return self._outlets[kind]
+
+    def _take_over(self, subject: int) -> Outlet:
+        """A fixed subject for another QoS; its numbers go on."""
+        for kind, outlet in tuple(self._outlets.items()):
+            if outlet.subject == subject:
+                if outlet.publishers:
+                    raise RmwError(
+                        ReturnCode.INCOMPATIBLE_QOS,
+                        f"subject {subject}, which is fixed, has a publisher with another QoS",
+                    )
+                del self._outlets[kind]
+                return outlet
+        return Outlet(subject)
 
     def _free_subject(self, first: int) -> int:
         taken = {outlet.subject for outlet in self._outlets.values()} | set(self._fixed.values())

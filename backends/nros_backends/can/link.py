@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import collections
 import time
+from typing import Any
 
 import can
+from can.interfaces.virtual import VirtualBus
 
 from nros_backends.can.buses import Wiring
 from nros_backends.can.frames import MessageId, can_id, parse_id, segment
@@ -41,6 +43,15 @@ class Frame:
         self.at_ns = at_ns
 
 
+class _Outgoing(can.Message):
+    """A frame to send; copies share its data, for the virtual bus makes a deep one for each receiver."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, memo: dict[int, Any] | None) -> can.Message:
+        return self.__copy__()
+
+
 class Link:
     """One node on one bus."""
 
@@ -72,7 +83,7 @@ class Link:
         fd = self.mtu > 8
         self.cut = False
         for data in segment(payload, transfer_id, self.mtu):
-            message = can.Message(
+            message = _Outgoing(
                 timestamp=self._clock.now_ns() / 1e9, arbitration_id=identifier, data=data, is_fd=fd,
                 bitrate_switch=fd, is_rx=False,
             )  # fmt: skip
@@ -163,5 +174,8 @@ class Link:
         return min(max(at, self._idle_ns), now)
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Leave the bus, and what had come with it."""
         self.bus.shutdown()
+        if isinstance(self.bus, VirtualBus):
+            with self.bus.queue.mutex:
+                self.bus.queue.queue.clear()  # else thousands of frames wait for the collector

@@ -79,6 +79,7 @@ class CanSession(Session):
             subscription = CanSubscription(self, self._number(), (topic, type_name), qos)
             self._add(subscription)
             self.directory.add(subscription, self.clock.now_ns())
+            self.herald.listening = True
             return subscription
 
     def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
@@ -112,6 +113,7 @@ class CanSession(Session):
             self.herald.sign(Sign(SignKind.GONE))
             for end in self._ends:
                 end.destroy()
+            self.herald.said.clear()
         outside = self._driver != threading.get_ident()
         if outside:
             self._driving.acquire()
@@ -130,6 +132,7 @@ class CanSession(Session):
         self._ends = tuple(other for other in self._ends if other is not end)
         if isinstance(end, CanSubscription):
             self.directory.remove(end)
+            self.herald.listening = bool(self.directory.readers)
         if isinstance(end, CanPublisher):
             end.outlet.publishers -= 1
         if not self.closed:  # else the whole node has taken its leave
