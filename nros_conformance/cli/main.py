@@ -109,6 +109,10 @@ def _parser() -> argparse.ArgumentParser:
         "subject", nargs="+", metavar="SUBJECT",
         help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
     )  # fmt: skip
+
+    new = _command(commands, "new-backend", "write the package of a new backend", module="new_backend")
+    new.add_argument("name", metavar="NAME", help="lower case, as in: mqtt")
+    new.add_argument("--into", type=Path, metavar="DIR", help="default: nros-NAME in this directory")
     return parser
 
 
