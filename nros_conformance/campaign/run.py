@@ -191,6 +191,7 @@ class RowRun:
             row=self.row.name,
             backend=self.row.declaration.name,
             variant=self.row.variant,
+            asked=self.row.asked,
             available=not self.broken,
             unavailable_reason=self.broken,
             declaration=self.row.declaration,

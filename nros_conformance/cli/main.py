@@ -73,6 +73,10 @@ def _parser() -> argparse.ArgumentParser:
         "--max-unclear", type=int, default=0, metavar="N",
         help="tolerate N scenarios that stay unclear after repeats (default 0)",
     )  # fmt: skip
+    run.add_argument(
+        "--known", type=Path, metavar="FILE", help="[[known]] entries of your own, added to those of backend.toml"
+    )
+    run.add_argument("--junit", type=Path, metavar="FILE", help="also write the verdicts as JUnit XML")
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
 
     lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")
