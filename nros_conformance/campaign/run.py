@@ -89,6 +89,10 @@ class RowRun:
         """Scenarios to play."""
         return len(self._to_play)
 
+    def settled(self, result: ScenarioResult) -> bool:
+        """Whether no further attempt will follow."""
+        return result.verdict != "inconclusive" or self.row.virtual or len(result.attempts) >= ATTEMPTS
+
     def play(self) -> Report:
         """Play all, write ``report.json``; also when interrupted."""
         traces = self.folder / "traces"
