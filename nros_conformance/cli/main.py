@@ -73,6 +73,10 @@ def _parser() -> argparse.ArgumentParser:
         "--max-unclear", type=int, default=0, metavar="N",
         help="tolerate N scenarios that stay unclear after repeats (default 0)",
     )  # fmt: skip
+    run.add_argument(
+        "--known", type=Path, metavar="FILE", help="[[known]] entries of your own, added to those of backend.toml"
+    )
+    run.add_argument("--junit", type=Path, metavar="FILE", help="also write the verdicts as JUnit XML")
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
 
     lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")
@@ -109,6 +113,10 @@ def _parser() -> argparse.ArgumentParser:
         "subject", nargs="+", metavar="SUBJECT",
         help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
     )  # fmt: skip
+
+    new = _command(commands, "new-backend", "write the package of a new backend", module="new_backend")
+    new.add_argument("name", metavar="NAME", help="lower case, as in: mqtt")
+    new.add_argument("--into", type=Path, metavar="DIR", help="default: nros-NAME in this directory")
     return parser
 
 
