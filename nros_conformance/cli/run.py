@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import dataclasses
 import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
 
+import msgspec
+
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.run import Progress, RowRun
+from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.progress import ProgressLine
@@ -44,9 +48,13 @@ def run(options: argparse.Namespace) -> ExitCode:
     if not control.ok:
         return ExitCode.INTERNAL
     rows = [row for found in backends for row in _rows(found)]
-    with lease_ports() as ports:
+    real = max(1, sum(not row.virtual for row in rows))
+    with contextlib.ExitStack() as stack:
         runs = [
-            RowRun(row, suites, selection, options.results, ports=ports, control=control, watch=lambda progress: None)
+            RowRun(
+                row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
+                watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+            )
             for row in rows
         ]  # fmt: skip
         for one in runs:
@@ -89,7 +97,7 @@ def judge_codes(report: Report, levels: Mapping[str, str], max_unclear: int) -> 
 
 def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     """The backends to play. A missing one is said with the command that installs it."""
-    found = [find_backend(name) for name in names] if names else list(find_backends().values())
+    found = [_named(name) for name in names] if names else list(find_backends().values())
     usable, codes = [], []
     for one in found:
         if one.error is not None:
@@ -109,11 +117,23 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     return usable, codes
 
 
+def _named(name: str) -> Found:
+    """A backend, or one of its rows: ``zenoh``, ``zenoh-peer``."""
+    for found in find_backends().values():
+        variant = name.removeprefix(f"{found.name}-")
+        if found.declaration is not None and variant != name and variant in found.declaration.variants:
+            only = {variant: {**found.declaration.variants[variant], "default": True}}
+            return dataclasses.replace(found, declaration=msgspec.structs.replace(found.declaration, variants=only))
+    return find_backend(name)
+
+
 def _rows(found: Found) -> list[Row]:
     assert found.declaration is not None
     versions = found.load()(Host(clock=MonotonicClock())).versions()
     variants = [name for name, facts in found.declaration.variants.items() if facts.get("default", True)]
-    return [Row(found.declaration, found.adapter, variant, versions) for variant in variants or [""]]
+    return [
+        Row(found.declaration.in_variant(variant), found.adapter, variant, versions) for variant in variants or [""]
+    ]
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:
