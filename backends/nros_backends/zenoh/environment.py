@@ -11,7 +11,7 @@ import sys
 import tempfile
 from typing import IO
 
-from nros_backends.zenoh.config import LEASE_MS
+from nros_backends.zenoh.config import LEASE_MS, free_port
 from nros_conformance.rmw.backend import Environment
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
@@ -104,8 +104,7 @@ class OwnRouter(Environment):
                 with contextlib.suppress(OSError):
                     probe.bind(("127.0.0.1", port))
                     return port
-        with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as probe:
-            return int(probe.getsockname()[1])
+        return free_port()
 
 
 class GivenRouter(Environment):

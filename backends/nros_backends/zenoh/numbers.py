@@ -65,8 +65,13 @@ class Numbers:
         return True
 
     def resume(self, gid: bytes) -> None:
-        """The publisher was out of sight: what it has sent meanwhile is not lost."""
+        """The publisher is out of sight: what it sends meanwhile is not lost, what it repeats then is no news."""
         self._gaps.forget(gid)
+
+    def forget(self, gid: bytes) -> None:
+        """The publisher has gone, and its samples cannot come again."""
+        self._gaps.forget(gid)
+        self._publishers.pop(gid, None)
 
     def preset(self, gid: bytes, number: int) -> None:
         """As if ``number`` had been the last one."""
