@@ -97,7 +97,7 @@ class ZenohBackend(Backend):
             return ReturnCode.INVALID_ARGUMENT
         locator = options.locator or self._environment.endpoint()
         if not locator:
-            return ReturnCode.UNSUPPORTED if self._own is None else ReturnCode.TIMEOUT
+            return ReturnCode.UNSUPPORTED
         return ping_before_session(locator, max(timeout_ms, 0), attempts)
 
     def close(self) -> None:
@@ -143,7 +143,7 @@ class ZenohBackend(Backend):
         return {"eclipse-zenoh": importlib.metadata.version("eclipse-zenoh")}
 
     def _locator(self, options: SessionOptions) -> str:
-        """Which router a session shall use; empty for peers. Starts our own for who has not been told one."""
-        if self._own is not None and not options.locator and not self._own.endpoint():
+        """Which router a session shall use; empty for peers. Our own is started for who has not been told one."""
+        if self._own is not None and not options.locator:
             self._own.start()
         return options.locator or self._environment.endpoint()
