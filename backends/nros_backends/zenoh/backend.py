@@ -13,7 +13,7 @@ zenoh carries bytes and tokens; all status events are the shim's, over what zeno
   assertion, and declares it again with the next. A thread sees to it also when nobody calls `drive_io`.
   LivelinessLost counts the same moment. Publishing asserts.
 - **Deadlines** run on the shim's clock, from reception (on zenoh's thread) and from a successful publication.
-- **MessageLost** counts gaps in the numbers of each publisher, once they have stayed open for 10 ms, and what the
+- **MessageLost** counts gaps in the numbers of each publisher, once they have stayed open for 25 ms, and what the
   receive queue pushes out. A sample without a valid attachment belongs to no publisher and is dropped.
 - **A sample larger than the caller's buffer** is dropped and counted as lost.
 - **Ends are matched by their tokens** as DDS matches them; what does not match is neither delivered nor counted.

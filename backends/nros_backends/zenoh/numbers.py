@@ -8,7 +8,7 @@ from nros_backends.zenoh.attachment import Attachment
 from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.detection import CountTracker, GapTracker
 
-HOLD_NS = 10 * MS
+HOLD_NS = 25 * MS
 """A gap counts as loss when it has stayed open for so long: what was overtaken on the way comes within it."""
 
 _EARLY = 64
