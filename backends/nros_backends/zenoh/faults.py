@@ -96,13 +96,12 @@ class Faults:
         flows = [sent for sent, _ in self._network.flows(publisher.session)]
         publisher.reorder = []
         try:
-            code = _worst(publish, count)
+            return _worst(publish, count)
+        finally:
             for sent in flows:
                 sent.held = True
             publisher.flush()
-        finally:
             self._network.release(publisher.session)
-        return code
 
     def _preset(self, end: End, count: int) -> int:
         """The numbers of all publishers of the topic, at both ends."""
