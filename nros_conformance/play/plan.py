@@ -37,6 +37,12 @@ def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:
         match step:
             case schema.Drive(drive=duration) | schema.Idle(idle=duration):
                 total += duration.ns(quantities)
+            case schema.Until(limit=limit):
+                total += limit.ns(quantities) // 4  # the watchdog allows four times of all this
+            case schema.Repeat(repeat=times, script=script):
+                total += times * expected_ns(script, quantities)
+            case schema.Ping():
+                total += step.times * max(step.every.ns(quantities), step.attempts * step.timeout.ns(quantities))
             case schema.Parallel(parallel=branches):
                 total += max((expected_ns(branch, quantities) for branch in branches), default=0)
             case schema.Call() | schema.Spin():
