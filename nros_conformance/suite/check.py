@@ -32,7 +32,7 @@ _ANSWERING = (
     schema.Destroy, schema.Ping, schema.Until, *_CALLS,
 )  # fmt: skip
 _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]], ...]] = {
-    schema.GapGiven: (("gap", _ANSWERING),),
+    schema.GapGiven: (("gap", (*_ANSWERING, schema.Measure)),),
     schema.Agrees: (("agrees", (schema.Supports,)), ("with", (schema.Register,))),
     schema.Received: (("received", (schema.Publish,)),),
     schema.ReceivedGiven: (("received", (schema.Publish,)),),
