@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import timedelta
+from typing import TYPE_CHECKING
 
 from nros_conformance.node.reconnection import LinkState, Pace, StateMachine, Transition
 from nros_conformance.play.driver import Driver
 from nros_conformance.rmw.codes import PUBLISHED_ERRORS, ReturnCode, RmwError
 from nros_conformance.trace.records import Changed
 
+if TYPE_CHECKING:
+    from nros_conformance.play.stage import Stage
+
 
 class Kept:
-    """The hooks of the state machine on one driver; every step on its thread.
+    """The hooks of the state machine on one session of a stage; every step on its thread.
 
-    ``connect`` creates the session with its entities and returns a code; ``probe(timeout_ms, attempts)``
-    pings without a session; ``destroy`` destroys the session.
+    Two pings in a row have to fail, each with a timeout of 1T, before the peer counts as gone; twice per T it is
+    looked for, and the session pinged.
     """
 
-    def __init__(
-        self, driver: Driver, t_ns: int, connect: Callable[[], int], probe: Callable[[int, int], int],
-        destroy: Callable[[], int],
-    ) -> None:  # fmt: skip
+    def __init__(self, stage: Stage, driver: Driver) -> None:
+        self._stage = stage
         self._driver = driver
-        self._connect = connect
-        self._probe = probe
-        self._destroy = destroy
-        scale = timedelta(microseconds=t_ns // 1000)
+        scale = timedelta(microseconds=stage.quantities["T"] // 1000)
         pace = Pace(ping_timeout=scale, attempts=2, waiting=scale / 2, connected=scale / 2)
         self.machine = StateMachine(self, driver.clock, pace, self._changed)
         driver.turn = self.machine.step
@@ -37,10 +35,15 @@ class Kept:
         return self.machine.state is LinkState.AGENT_CONNECTED
 
     def probe(self, timeout_ms: int, attempts: int) -> int:
-        return self._probe(timeout_ms, attempts)
+        return self._stage.probe(self._driver.name, timeout_ms, attempts)
 
     def create(self) -> None:
-        _check(self._connect(), "the session or one of its entities was refused")
+        """The session, then its entities; those that the script creates only once it has created them."""
+        code = self._stage.connect(self._driver)
+        for actor in self._stage.actors.values():
+            if code == 0 and actor.driver is self._driver and (not actor.spec.deferred or actor.handle is not None):
+                code = self._stage.create(actor)
+        _check(code, "the session or one of its entities was refused")
 
     def spin(self, timeout_ms: int) -> int:
         return self._driver.look(timeout_ms) or 0
@@ -50,7 +53,12 @@ class Kept:
         return int(ReturnCode.CONNECTION_FAILED) if session is None else int(session.ping(timeout_ms, attempts))
 
     def destroy(self) -> None:
-        _check(self._destroy(), "destroying the session")
+        """The session, if there is one; the machine goes on without it."""
+        if self._driver.session is None:
+            return
+        code = self._stage.destroy(self._driver.name)
+        self._driver.session, self._driver.background = None, True
+        _check(code, "destroying the session")
 
     def _changed(self, transition: Transition) -> None:
         self._driver.flush()

@@ -65,13 +65,12 @@ class Waiting:
         answers: list[int | None] = []
         for actor in stage.members(step.by or ""):
             args: dict[str, Any] = {}
-            name = f"{label}/by"
 
-            def publish(actor: Actor = actor, args: dict[str, Any] = args, name: str = name) -> int | None:
+            def publish(actor: Actor = actor, args: dict[str, Any] = args) -> int | None:
                 # Between two connections there is nothing to publish with.
-                return None if actor.handle is None or actor.gone else self._publish(actor, name, None, args)
+                return self._publish(actor, label, None, args) if actor.exists else None
 
-            answers.append(self._call(actor.driver, "publish", name, publish, actor.name, args))
+            answers.append(self._call(actor.driver, "publish", f"{label}/by", publish, actor.name, args))
         if step.until == "reachable":
             run = lambda: stage.probe("", timeout_ms, 1)  # noqa: E731
             return self._call(stage.lobby, "ping", f"{label}/ping", run) == ReturnCode.OK

@@ -238,7 +238,15 @@ class Backend(abc.ABC):
           losses are found, of the entity's topic, so that the next sample follows it. Nothing is lost.
         - ``partition`` (``session``): nothing passes between it and the others any more;
           ``block`` (``session``, ``direction``: "out" or "in"): nothing of what it sends, respectively of
-          what others send to it; ``heal`` (``session``), declared with either of the two, ends that.
+          what others send to it; ``delay`` (``session``, ``by_ns``): what it sends arrives so much later;
+          ``stall`` (``session``): what it sends stops in the middle of a frame, and goes on after ``heal``;
+          ``bus_off`` (``session``): its controller is off the bus. ``heal`` (``session``), declared with any
+          of these, ends that.
+        - ``inject`` (``session``, ``count``, ``seed``): so many malformed, truncated, foreign and oversized
+          packets reach the wire end of that session, always the same ones for a seed.
+        - ``crash``, ``freeze``, ``thaw``, ``clock_step`` (``session``, ``by_ns``): only on the virtual clock,
+          where no process can be hit: the session ends without a word, stands still, goes on, or has its
+          wall clock set. On the real clock they are declared too, and the harness does it to the process.
         """
         return ReturnCode.UNSUPPORTED
 

@@ -6,7 +6,7 @@ from nros_conformance.formats.places import Path_
 from nros_conformance.rmw.events import Side
 from nros_conformance.suite import schema
 from nros_conformance.suite.names import Names
-from nros_conformance.suite.walk import base_name
+from nros_conformance.suite.walk import base_name, session_of
 
 _UNTIL: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "heard": (("by", "of"), ()),
@@ -58,7 +58,17 @@ def _check_until(names: Names, path: Path_, step: schema.Until) -> None:
         names.check_entities(here, [step.of], Side.SUBSCRIPTION)
         if names.scenario.entities[base_name(step.of)].take != "always":
             raise error(here, f"of: {step.of!r} takes nothing by itself", "add take: always to the entity")
+    for key, session_ in (
+        ("session", step.session),
+        *((key, _session(names, getattr(step, key))) for key in ("by", "of")),
+    ):
+        if session_ in names.scenario.sessions and names.scenario.sessions[session_].process == "own":
+            raise error((*path, key), f"{key}: session {session_!r} is in a process of its own", "name one that is not")
     if step.until == "connected":
         session = names.scenario.sessions.get(step.session or "")
         if session is None or not session.reconnector:
             raise error((*path, "session"), f"session: {step.session!r} has no reconnector", "add reconnector: true")
+
+
+def _session(names: Names, entity: str | None) -> str | None:
+    return None if entity is None else session_of(names.scenario.entities[base_name(entity)])
