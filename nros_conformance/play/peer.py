@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,7 +42,10 @@ class Peer:
         if step.fault == "start":
             self.start()
         else:
-            self._environment.stop(kill=step.kill)
+            try:
+                self._environment.stop(kill=step.kill)
+            except RmwError as error:
+                raise StopPlay("raised", f"the peer did not stop: {error}") from error
         done = FaultRecord(
             label=label, fault=step.fault, begin=begin, end=self._clock.now_ns(),
             detail={"kill": True} if step.kill else {},
@@ -59,8 +63,9 @@ class Peer:
         return self._environment.counts().get(what)
 
     def close(self, scratch: Path) -> None:
-        """Stop it, and keep what it has printed beside the trace."""
-        self._environment.stop()
+        """Stop it unless it is somebody else's, and keep what it has printed beside the trace."""
+        with contextlib.suppress(RmwError):
+            self._environment.stop()
         if log := self._environment.log():
             scratch.mkdir(parents=True, exist_ok=True)
             (scratch / LOG).write_text(log, encoding="utf-8")

@@ -22,7 +22,7 @@ from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
-from nros_conformance.suite.kinds import registered_kinds
+from nros_conformance.suite.kinds import faults_needed, registered_kinds
 from nros_conformance.suite.walk import members, session_of, step_labels, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
 
@@ -96,6 +96,7 @@ class Stage:
             network=plan.network,
             ports=range(*plan.ports),
             scratch=Path(f"{plan.trace}.d"),
+            faults=faults_needed(scenario),
             options=plan.options,
             processes=bool(only or self._apart),
         )
@@ -248,7 +249,7 @@ class Stage:
         spec = self._spec(session)
         return SessionOptions(
             node_name=spec.node or session or "node",
-            locator=self.locator,
+            locator=self.locator or self.peer.endpoint(),  # a peer that was absent may have had no address yet
             domain_id=spec.domain,
             connection_lease_ms=0 if spec.lease is None else spec.lease.ns(self.quantities) // MS,
             hard_liveliness_ms=0 if spec.hard_liveliness is None else spec.hard_liveliness.ns(self.quantities) // MS,

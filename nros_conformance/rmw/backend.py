@@ -32,7 +32,8 @@ class Host:
     domain, port or partition of its own; ``ports`` are leased for this run alone. ``scratch`` is a folder
     that this play alone may create and use; what is left in it stays beside the trace.
     ``processes``: some session of this play lives in a process of its own, with an adapter of its own
-    (same ``network``, ``ports``, ``scratch``), so memory does not connect them.
+    (same ``network``, ``ports``, ``scratch``), so memory does not connect them. ``faults``: those that
+    `Backend.inject` may be asked for, so that what they take need not stand in the way of other scenarios.
     """
 
     clock: Clock
@@ -41,6 +42,7 @@ class Host:
     ports: range = range(0)
     scratch: Path = Path()
     processes: bool = False
+    faults: frozenset[str] = frozenset()
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -166,7 +168,10 @@ class Environment:
         """
 
     def stop(self, *, kill: bool = False) -> None:
-        """Stop it, orderly or with SIGKILL; returns when it is gone. Harmless when it does not run."""
+        """Stop it, orderly or with SIGKILL; returns when it is gone. Harmless when it does not run.
+
+        Raises `RmwError` UNSUPPORTED for one that somebody else runs.
+        """
 
     def endpoint(self) -> str:
         """What a client puts into `SessionOptions.locator`; empty when there is nothing."""
