@@ -44,6 +44,9 @@ AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
+TOGETHER, AT_LEAST = 36, 6
+"""All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
+
 
 @dataclasses.dataclass(slots=True)
 class Progress:
@@ -60,7 +63,7 @@ class RowRun:
 
     def __init__(
         self, row: Row, suites: Suites, selection: Selection, results: Path, *, ports: range, control: Control | None,
-        watch: Callable[[Progress], None],
+        watch: Callable[[Progress], None], at_once: int = AT_ONCE,
     ) -> None:  # fmt: skip
         self.row = row
         self.suites = suites
@@ -68,6 +71,7 @@ class RowRun:
         self.results = results
         self.folder = results / row.name
         self._ports = ports
+        self._at_once = at_once
         self._control = control
         self.watch = watch
         self._lock = threading.Lock()
@@ -134,7 +138,7 @@ class RowRun:
         # The longest first, so that nothing long is left over at the end.
         together.sort(key=lambda plan: -plan.expected_ns)
         if together:
-            pool.play(together, max(1, min(AT_ONCE >> (number - 1), self.row.declaration.bounds.sessions // 2)))
+            pool.play(together, max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2)))
         if alone:
             pool.play(alone, 1)
         for plan in plans:

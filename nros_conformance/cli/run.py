@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import sys
 import threading
@@ -15,7 +16,7 @@ from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.run import Progress, RowRun
+from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.progress import ProgressLine
@@ -47,9 +48,13 @@ def run(options: argparse.Namespace) -> ExitCode:
     if not control.ok:
         return ExitCode.INTERNAL
     rows = [row for found in backends for row in _rows(found)]
-    with lease_ports() as ports:
+    real = max(1, sum(not row.virtual for row in rows))
+    with contextlib.ExitStack() as stack:
         runs = [
-            RowRun(row, suites, selection, options.results, ports=ports, control=control, watch=lambda progress: None)
+            RowRun(
+                row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
+                watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+            )
             for row in rows
         ]  # fmt: skip
         for one in runs:

@@ -157,7 +157,7 @@ def test_a_variant_replaces_fields_of_the_connection_and_leaves_the_rest() -> No
         ),
         (
             '{ ping = "no", absent = "never", because = "" }',
-            "b.toml:36: ping = \"no\" without a reason; add because = ...",
+            'b.toml:36: ping = "no" without a reason; add because = ...',
         ),
     ],
 )
