@@ -32,6 +32,11 @@ class Peer:
         except RmwError as error:
             raise StopPlay("raised", f"the peer did not start: {error}") from error
 
+    def appoint(self) -> None:
+        """Start it and stop it again, so that it has an address at which it is absent. Raises `StopPlay`."""
+        self.start()
+        self._environment.stop()
+
     def endpoint(self) -> str:
         """What `SessionOptions.locator` gets."""
         return self._environment.endpoint()

@@ -127,6 +127,8 @@ class Stage:
         try:
             if scenario.peer == "present":
                 self.peer.start()
+            elif not self.peer.endpoint():
+                self.peer.appoint()
             self.locator = locator or self.peer.endpoint()
             self._cast()
         except BaseException:
@@ -249,7 +251,7 @@ class Stage:
         spec = self._spec(session)
         return SessionOptions(
             node_name=spec.node or session or "node",
-            locator=self.locator or self.peer.endpoint(),  # a peer that was absent may have had no address yet
+            locator=self.locator,
             domain_id=spec.domain,
             connection_lease_ms=0 if spec.lease is None else spec.lease.ns(self.quantities) // MS,
             hard_liveliness_ms=0 if spec.hard_liveliness is None else spec.hard_liveliness.ns(self.quantities) // MS,
