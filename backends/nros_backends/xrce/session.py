@@ -97,9 +97,12 @@ class XrceSession(Session):
             self._readers.pop(end.request, None)
         if self.closed:
             return ReturnCode.OK
-        requests = [self.client.delete(one) for one in self._objects.release(end.object_id)]
+        released = self._objects.release(end.object_id)
         if self.client.health.state is not State.WELL:
+            for one in released:
+                self.client.abandon(one)
             return ReturnCode.TIMEOUT
+        requests = [self.client.delete(one) for one in released]
         answers = self.client.outcomes(requests, self.clock.now_ns() + self._lease_ns // 2)
         return ReturnCode.TIMEOUT if None in answers else ReturnCode.OK
 
@@ -216,7 +219,7 @@ class XrceSession(Session):
             self._await(f"{kind.name.lower()} on {topic}", requests)
         except RmwError:
             for one in objects.abandon(plan):
-                client.delete(one)
+                client.abandon(one)
             raise
         return plan.endpoint
 

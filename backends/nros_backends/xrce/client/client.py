@@ -11,6 +11,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 
+import msgspec
+
 from nros_backends.xrce.client.core import Config, Core
 from nros_backends.xrce.client.health import Health, State
 from nros_backends.xrce.client.transport import Transport
@@ -24,6 +26,9 @@ ATTEMPTS, ATTEMPT_NS = 10, 1_000 * MS
 
 LEASE_NS = 1_000 * MS
 """In which a lost agent is noticed unless told otherwise."""
+
+_AGAIN_NS = 50 * MS
+"""How long an answer may stay away that the agent should have given before it acknowledged the request."""
 
 _PROBES = 16
 """Probes of `Health` that an answer may still come to."""
@@ -70,6 +75,8 @@ class Client:
         self.connected = False
         self._admitted: list[m.StatusAgent] = []
         self._statuses: dict[int, int | None] = {}
+        self._asked: dict[int, m.Create | m.Delete] = {}
+        """Requests for entities that have no `Status` yet, to be repeated."""
         self._pong: dict[int, m.Info | None] = {}
         self._probes: deque[int] = deque(maxlen=_PROBES)
         self._times: list[tuple[m.TimestampReply, int]] = []
@@ -106,19 +113,17 @@ class Client:
         domain: int = 0, reuse: bool = False, replace: bool = False, reliable: bool = True,
     ) -> int:  # fmt: skip
         """Ask for an entity; the request id, for `outcomes`."""
-        request = self._expect()
-        create = m.Create(
-            request=request, object=object_id, kind=object_id.kind, representation=representation, parent=parent,
-            domain=domain, reuse=reuse, replace=replace,
+        return self._ask(
+            m.Create(
+                request=self.core.next_request(), object=object_id, kind=object_id.kind,
+                representation=representation, parent=parent, domain=domain, reuse=reuse, replace=replace,
+            ),
+            reliable,
         )  # fmt: skip
-        self._send(create, reliable)
-        return request
 
     def delete(self, object_id: ObjectId, *, reliable: bool = True) -> int:
         """Ask for the end of an entity; the request id, for `outcomes`."""
-        request = self._expect()
-        self._send(m.Delete(request=request, object=object_id), reliable)
-        return request
+        return self._ask(m.Delete(request=self.core.next_request(), object=object_id), reliable)
 
     def outcomes(self, requests: Iterable[int], until_ns: int) -> list[int | None]:
         """Wait for the `Status` of each of these requests; None for those that came to nothing in time.
@@ -131,8 +136,17 @@ class Client:
             known = all(self._statuses[one] is not None for one in asked)
             return known or (self.connected and self.health.state is State.FORGOTTEN)
 
-        self.pump(done, until_ns)
+        while not self.pump(done, min(until_ns, self._clock.now_ns() + _AGAIN_NS)):
+            if self._clock.now_ns() >= until_ns:
+                break
+            self._ask_again(asked)
+        for one in asked:
+            self._asked.pop(one, None)
         return [self._statuses.pop(one) for one in asked]
+
+    def abandon(self, object_id: ObjectId) -> None:
+        """Have an entity deleted, without caring for the outcome."""
+        self._send(m.Delete(request=self.core.next_request(), object=object_id), True)
 
     def settle(self, until_ns: int) -> bool:
         """Wait until everything reliable is acknowledged, which is to say: has been handled by the agent."""
@@ -226,10 +240,27 @@ class Client:
 
     # Inside.
 
-    def _expect(self) -> int:
-        request = self.core.next_request()
-        self._statuses[request] = None
-        return request
+    def _ask(self, request: m.Create | m.Delete, reliable: bool) -> int:
+        self._statuses[request.request] = None
+        if reliable:
+            self._asked[request.request] = request
+        self._send(request, reliable)
+        return request.request
+
+    def _ask_again(self, requests: list[int]) -> None:
+        """Repeat the requests that the agent has handled without an answer coming here.
+
+        An agent whose reliable stream is full throws its answers away. Repeated with REUSE a creation
+        changes nothing, and a deletion answers that there is no such object: that is what was asked for.
+        """
+        if not self.core.reliable_out.settled:
+            return
+        for number in requests:
+            request = self._asked.get(number) if self._statuses[number] is None else None
+            if isinstance(request, m.Create):
+                request = msgspec.structs.replace(request, reuse=True, replace=False)
+            if request is not None:
+                self._send(request, True)
 
     def _send(self, submessage: Submessage, reliable: bool) -> None:
         if not self.core.send(submessage, reliable=reliable, now_ns=self._clock.now_ns()):
@@ -253,7 +284,7 @@ class Client:
             case m.StatusAgent():
                 self._admitted.append(reply)
             case m.StatusReply(request=request, status=status):
-                if request in self._statuses:
+                if request in self._statuses and self._statuses[request] is None:
                     self._statuses[request] = status
             case m.Info(request=request):
                 self._informed(request, reply, at_ns)

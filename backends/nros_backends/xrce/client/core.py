@@ -108,6 +108,7 @@ class Core:
         self._best_effort_in = BestEffortInput(BEST_EFFORT)
         self.reliable_out = ReliableOutput(RELIABLE, self.capacity, config.window, config.heartbeat_ns, resend_all=True)
         self._reliable_in = ReliableInput(RELIABLE)
+        self._owes_acknack = False
 
     # Going out.
 
@@ -162,14 +163,17 @@ class Core:
         return True
 
     def tick(self, now_ns: int) -> None:
-        """Announce what is unacknowledged, when that is due."""
+        """Acknowledge what has come in since the last call; announce what is unacknowledged, when that is due."""
+        if self._owes_acknack:
+            self._owes_acknack = False
+            self._send_loose(self._reliable_in.acknack())
         announcement = self.reliable_out.heartbeat(now_ns)
         if announcement is not None:
             self._send_loose(announcement)
 
     @property
     def next_due_ns(self) -> int:
-        """When `tick` does something next."""
+        """When `tick` has something to announce next."""
         due_ns = self.reliable_out.wakeup_ns
         return NEVER if due_ns is None else due_ns
 
@@ -216,8 +220,8 @@ class Core:
                 self._handle(submessages, at_ns)
         elif header.stream == RELIABLE:
             self._on_heard(at_ns)
+            self._owes_acknack = True
             self._deliver(self._reliable_in.receive(header.sequence, body), at_ns)
-            self._send_loose(self._reliable_in.acknack())
         else:
             self.foreign += 1
 
@@ -256,8 +260,8 @@ class Core:
                 self._send_reliable(now_ns)
             case m.Heartbeat(stream=stream, first=first, last=last) if stream == RELIABLE:
                 self._on_heard(at_ns)
+                self._owes_acknack = True
                 self._deliver(self._reliable_in.heartbeat(first, last), at_ns)
-                self._send_loose(self._reliable_in.acknack())
 
 
 def outside_session(probe: Submessage) -> bytes:
