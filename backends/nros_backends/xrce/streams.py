@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 from nros_backends.xrce.wire.cdr import Malformed
 from nros_backends.xrce.wire.codec import SUBMESSAGE_HEADER, encode_body, frames
+from nros_backends.xrce.wire.ids import Id
 from nros_backends.xrce.wire.messages import Acknack, Fragment, Heartbeat
-from nros_backends.xrce.wire.payloads import LAST, Id
+from nros_backends.xrce.wire.transfers import LAST
 
 MODULUS = 1 << 16
 """Sequence numbers wrap here."""

@@ -28,12 +28,12 @@ from nros_backends.xrce.wire.ids import (
     NO_STREAM,
     RELIABLE,
     VERSION,
+    Id,
     Kind,
     ObjectId,
     Status,
     is_reliable,
 )
-from nros_backends.xrce.wire.payloads import Id
 
 TICK_NS = 200 * MS
 """Period of HEARTBEATs and of the liveliness check in eProsima's agent."""

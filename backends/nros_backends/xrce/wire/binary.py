@@ -12,8 +12,8 @@ from typing import Any
 import msgspec
 
 from nros_backends.xrce.wire.cdr import Reader, Writer
+from nros_backends.xrce.wire.fields import read_object, write_object
 from nros_backends.xrce.wire.ids import Kind, ObjectId
-from nros_backends.xrce.wire.payloads import read_object, write_object
 
 
 class Qos(enum.IntFlag):

@@ -8,7 +8,8 @@ from typing import NamedTuple
 from nros_backends.xrce.wire import messages as m
 from nros_backends.xrce.wire import payloads
 from nros_backends.xrce.wire.cdr import Malformed, Reader, Writer
-from nros_backends.xrce.wire.ids import KEYLESS, ObjectId
+from nros_backends.xrce.wire.fields import read_request
+from nros_backends.xrce.wire.ids import KEYLESS, Id, ObjectId
 
 LITTLE = 0x01
 LIVELINESS_ANSWER = bytes(8)
@@ -20,7 +21,7 @@ HAS_PROPERTIES = 13
 """Where CREATE_CLIENT says that properties follow."""
 LONGEST = 0xFFFF
 """Octets that the length field can state; a longer sample states 0 (eProsima's extension)."""
-REQUESTS = frozenset({payloads.Id.CREATE, payloads.Id.DELETE, payloads.Id.GET_INFO, payloads.Id.READ_DATA})
+REQUESTS = frozenset({Id.CREATE, Id.DELETE, Id.GET_INFO, Id.READ_DATA})
 """Submessages that begin with a request id and are answered."""
 
 
@@ -38,7 +39,7 @@ class Frame(NamedTuple):
         """What to answer to, also if the rest is malformed: request id and object id."""
         if self.id not in REQUESTS or len(self.payload) < 4:
             return None
-        return payloads.read_request(Reader(self.payload))
+        return read_request(Reader(self.payload))
 
     def read(self) -> m.Submessage:
         """The submessage. Raises `Malformed`."""
@@ -85,10 +86,8 @@ def frames(data: bytes, start: int = 0) -> Iterator[Frame]:
         position += SUBMESSAGE_HEADER
         end = position + length
         if (
-            identifier == payloads.Id.CREATE_CLIENT
-            and length == STATED
-            and data[position + HAS_PROPERTIES : end][:1] == b"\1"
-        ) or (length == 0 and identifier in (payloads.Id.WRITE_DATA, payloads.Id.DATA)):
+            identifier == Id.CREATE_CLIENT and length == STATED and data[position + HAS_PROPERTIES : end][:1] == b"\1"
+        ) or (length == 0 and identifier in (Id.WRITE_DATA, Id.DATA)):
             end = len(data)
         if end > len(data):
             raise Malformed(position, f"submessage {identifier} states {length} bytes, {len(data) - position} are left")

@@ -79,6 +79,27 @@ class Status(enum.IntEnum):
     RESOURCES = 0x87
 
 
+class Id(enum.IntEnum):
+    """Submessage ids."""
+
+    CREATE_CLIENT = 0
+    CREATE = 1
+    GET_INFO = 2
+    DELETE = 3
+    STATUS_AGENT = 4
+    STATUS = 5
+    INFO = 6
+    WRITE_DATA = 7
+    READ_DATA = 8
+    DATA = 9
+    ACKNACK = 10
+    HEARTBEAT = 11
+    RESET = 12
+    FRAGMENT = 13
+    TIMESTAMP = 14
+    TIMESTAMP_REPLY = 15
+
+
 class DataFormat(enum.IntEnum):
     """``flags & 0x0e`` of DATA and WRITE_DATA, and the format of READ_DATA. Only DATA is used in practice."""
 
