@@ -191,6 +191,19 @@ class Index:
         """The actions of a label, in the order of their numbers."""
         return [act for _, act in self.acts.get(label, ())]
 
+    def publishes_to(self, entity: str) -> list[Act]:
+        """What the script published on the topic of an entity, by whomever; of a publisher, by itself."""
+        spec = self.scenario.entities.get(entity.partition("[")[0])
+        senders = {
+            name
+            for name, one in self.scenario.entities.items()
+            if spec is not None and spec.subscription is not None and one.publisher == spec.subscription
+        } or {entity}
+        acts = [act for _, act in self.all_acts if act.op == "publish"]
+        return sorted(
+            (act for act in acts if {act.entity, act.entity.partition("[")[0]} & senders), key=lambda a: a.begin
+        )
+
     def inside(self, position: int, act: Act) -> tuple[list[Seen], Placed[Message], list[Spin]]:
         """What happened within a call of drive_io that the script made: events, samples taken, spins.
 

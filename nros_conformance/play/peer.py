@@ -67,10 +67,11 @@ class Peer:
         """One of `Environment.counts`; None: it does not tell."""
         return self._environment.counts().get(what)
 
-    def close(self, scratch: Path) -> None:
-        """Stop it unless it is somebody else's, and keep what it has printed beside the trace."""
+    def close(self, folder: Path | None) -> None:
+        """Stop it unless it is somebody else's, and keep what it has printed in a folder beside the trace, if any."""
         with contextlib.suppress(RmwError):
             self._environment.stop()
-        if log := self._environment.log():
-            scratch.mkdir(parents=True, exist_ok=True)
-            (scratch / LOG).write_text(log, encoding="utf-8")
+        log = self._environment.log()
+        if log and folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / LOG).write_text(log, encoding="utf-8")

@@ -53,7 +53,7 @@ def play(
     if stage is not None and outcome != "hang":
         outcome, detail = _leave(stage, outcome, detail)
     elif stage is not None:
-        stage.peer.close(stage.backend.host.scratch)  # what hangs may be the call of another thread
+        stage.peer.close(stage.folder)  # what hangs may be the call of another thread
     end = End(outcome=outcome, t=clock.now_ns(), detail=detail)
     write(end)
     return end

@@ -32,6 +32,8 @@ class Script:
         self.clock = stage.clock
         self._start = start_ns
         self._performed: dict[str, list[Command]] = {}
+        self._paused: dict[str, list[Driver]] = {}
+        """Sessions that an idle step finds paused already, by its label."""
         self._steps = {label: step for label, (_, step) in zip(stage.labels, steps(stage.scenario), strict=True)}
         self._names = {id(step): label for label, step in self._steps.items()}
         self._injector = Injector(stage, lambda actor, label, args: self._publish(actor, label, None, args))
@@ -123,12 +125,17 @@ class Script:
             self.stage.record(Measure(label=label, what=step.what, value=value, begin=begin, end=end))
 
     def _idle(self, label: str, begin: int, duration: int) -> None:
-        driven = [driver for driver in self.stage.drivers.values() if driver.background]
-        for driver in driven:
-            self.stage.perform(driver, "pause", driver.pause)
+        driven = self._paused.pop(label, None) or self._pause_all()
         self._pause(label, "idle", max(begin, self.clock.now_ns()), duration)
         for driver in driven:
             driver.resume()
+
+    def _pause_all(self) -> list[Driver]:
+        """Have nobody driven in the background any more; whom that concerned."""
+        driven = [driver for driver in self.stage.drivers.values() if driver.background]
+        for driver in driven:
+            self.stage.perform(driver, "pause", driver.pause)
+        return driven
 
     def _parallel(self, branches: Sequence[Sequence[Any]]) -> None:
         stops: list[StopPlay] = []
@@ -143,6 +150,10 @@ class Script:
 
             return run
 
+        # What happens beside an idle shall not begin before that: on a busy host pausing takes its time.
+        for first in (script[0] for script in branches):
+            if isinstance(first, schema.Idle):
+                self._paused[self._names[id(first)]] = self._pause_all()
         tasks = [self.clock.spawn("branch", branch(script)) for script in branches]
         for task in tasks:
             while not self.clock.wait(task.done, self.clock.now_ns() + 60_000 * MS):

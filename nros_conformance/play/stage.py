@@ -132,8 +132,13 @@ class Stage:
             self.locator = locator or self.peer.endpoint()
             self._cast()
         except BaseException:
-            self.peer.close(host.scratch)
+            self.peer.close(self.folder)
             raise
+
+    @property
+    def folder(self) -> Path | None:
+        """Where what is left of the play is kept, beside its trace; None without one."""
+        return self.backend.host.scratch if self.plan.trace else None
 
     # Who is who.
 
@@ -373,7 +378,7 @@ class Stage:
         for driver in (*self.drivers.values(), self.lobby):
             driver.stop()
             self.clock.wait(driver.task.done, self.clock.now_ns() + self.hang_ns)
-        self.peer.close(self.backend.host.scratch)
+        self.peer.close(self.folder)
         self.backend.close()
 
     # Events.

@@ -255,3 +255,14 @@ def test_a_window_that_closes_at_an_uncertain_time_leaves_its_last_calls_open() 
     )
     short = [spins(0, 125), act("two", 125, 135), REST]
     assert finding(until, ONE, short).got == "perhaps no period is over before the end of the window"
+
+
+@pytest.mark.parametrize(("second", "outcome"), [(230, "unclear"), (80, "fail")])
+def test_misses_of_gaps_that_the_harness_left_before_the_anchor_are_not_held_against_the_backend(
+    second: float, outcome: str
+) -> None:
+    records = [
+        spin(0, 10), publish("one", 0, second), counted(second + 10, 2, change=2),
+        spin(second + 2, second + 15, callbacks=1), quiet(second + 15, 350),
+    ]  # fmt: skip
+    assert finding({**EVERY, "since": "one.last"}, *records, REST).outcome == outcome
