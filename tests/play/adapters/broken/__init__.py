@@ -92,4 +92,5 @@ class Healthy(Segfaults):
 class SaysWhoCollects(Healthy):
     def __init__(self, host: Host) -> None:
         super().__init__(host)
-        print(f"garbage is {'' if gc.isenabled() else 'not '}collected", file=sys.stderr, flush=True)
+        sys.stderr.write(f"garbage is {'' if gc.isenabled() else 'not '}collected\n")
+        sys.stderr.flush()
