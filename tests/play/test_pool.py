@@ -77,6 +77,13 @@ def test_a_segfault_is_the_verdict_of_its_scenario_and_the_others_are_unaffected
     assert all(casualty.what == "crash" and BREAKS in casualty.keys for casualty in play.casualties)
 
 
+@pytest.mark.parametrize(("at_once", "says"), [(1, "garbage is collected"), (3, "garbage is not collected")])
+def test_no_collection_stops_plays_that_share_a_process(tmp_path: Path, at_once: int, says: str) -> None:
+    play = Play(tmp_path)
+    play.pool.play(plans("SaysWhoCollects", tmp_path), at_once)
+    assert (tmp_path / "worker.log").read_text().splitlines() == [says] * 3
+
+
 def test_a_process_that_exits_is_a_crash(tmp_path: Path) -> None:
     play = Play(tmp_path)
     play.pool.play(plans("Exits", tmp_path, scenarios=(BREAKS,)), 1)

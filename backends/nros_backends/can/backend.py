@@ -20,7 +20,6 @@ What it decides, where Cyphal or the contract leave something open:
 from __future__ import annotations
 
 import importlib.metadata
-import weakref
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,7 +44,8 @@ class CanBackend(Backend):
         self._buses = Buses(host, bus)
         self._nodes = NodeIds(self._buses.scratch)
         self._subjects = {topic_digest(topic): subject for topic, subject in subject_table(host.options).items()}
-        self._sessions: weakref.WeakSet[CanSession] = weakref.WeakSet()
+        self._sessions: dict[tuple[int, int], CanSession] = {}
+        """Those that are open, by domain and node id, which they keep until they are destroyed."""
 
     def create_session(self, options: SessionOptions) -> Session:
         """Raises `RmwError` INVALID_ARGUMENT, INVALID_CONFIG for options that need a peer, CONNECTION_FAILED."""
@@ -60,23 +60,26 @@ class CanBackend(Backend):
             raise RmwError(ReturnCode.INVALID_CONFIG, f"locator {options.locator!r}: a bus has no address")
         if options.hard_liveliness_ms:
             raise RmwError(ReturnCode.INVALID_CONFIG, "hard liveliness: there is no agent that could check it")
-        domain, nodes = options.domain_id, self._nodes
-        node = nodes.lease(domain)
+        domain = options.domain_id
+        node = self._nodes.lease(domain)
         try:
             wiring = self._buses.open(domain)
         except RmwError:
-            nodes.release(domain, node)
+            self._nodes.release(domain, node)
             raise
         session = CanSession(
-            self.host.clock, wiring, node, lease_ms, self._subjects, lambda: nodes.release(domain, node)
+            self.host.clock, wiring, node, lease_ms, self._subjects, lambda: self._closed(domain, node)
         )
-        self._sessions.add(session)
+        self._sessions[domain, node] = session
         return session
 
     def close(self) -> None:
-        for session in tuple(self._sessions):
+        for session in tuple(self._sessions.values()):
             session.destroy()
-        self._sessions.clear()
+
+    def _closed(self, domain: int, node: int) -> None:
+        del self._sessions[domain, node]
+        self._nodes.release(domain, node)
 
     def await_matched(self, publisher: Publisher, subscription: Subscription, until_ns: int) -> bool | None:
         """Until each has been told of the other, looked at every millisecond."""

@@ -78,7 +78,7 @@ class Directory:
         if transfer is not None:
             payload = _unpadded(transfer.payload) if self._padded else transfer.payload
             if payload is not None:
-                self._sample(peer, port, transfer.transfer_id, payload, at_ns)
+                self._sample(node, port, transfer.transfer_id, payload, at_ns)
 
     def own(self, said: Said) -> None:
         """Take in a transfer of this session itself."""
@@ -93,7 +93,7 @@ class Directory:
             return
         port = peer.ports.get(said.subject)
         if port is not None and self._readers(self._node, port):
-            self._sample(peer, port, said.transfer_id, said.payload, said.at_ns)
+            self._sample(self._node, port, said.transfer_id, said.payload, said.at_ns)
 
     def _port(self, node: int, peer: Peer | None, subject: int) -> Port | None:
         """The port that these frames belong to; None for samples of nobody knows what."""
@@ -116,11 +116,11 @@ class Directory:
                 port.lifespan_ms = max((info.lifespan_ms for info in infos if not info.is_reader), default=0)
         return port.readers
 
-    def _sample(self, peer: Peer | None, port: Port, transfer_id: int, payload: bytes, at_ns: int) -> None:
+    def _sample(self, node: int, port: Port, transfer_id: int, payload: bytes, at_ns: int) -> None:
         missing = port.numbering.transfer(transfer_id, at_ns)
         if missing is None:
             return
-        self._lost(port, missing, at_ns)
+        self._lost(node, port, missing, at_ns)
         for reader in port.readers or ():
             if at_ns < reader.created_ns:
                 continue  # it waited on the bus from before this subscription
@@ -128,9 +128,9 @@ class Directory:
             reader.deliver(payload, at_ns, port.lifespan_ms)
             self.fresh = True
 
-    def _lost(self, port: Port, missing: int, at_ns: int) -> None:
+    def _lost(self, node: int, port: Port, missing: int, at_ns: int) -> None:
         if missing:
-            for reader in self.readers:
+            for reader in self._readers(node, port):
                 if reader.number in port.synchronised:
                     reader.losses.add(missing, at_ns)
 
@@ -165,7 +165,7 @@ class Directory:
             status = Status.decode(payload)
             port = None if status is None else peer.ports.get(status.subject)
             if status is not None and port is not None:
-                self._count(port, status.count, status.rebased, at_ns)
+                self._count(peer, port, status.count, status.rebased, at_ns)
         else:
             sign = Sign.decode(payload)
             if sign is not None:
@@ -187,13 +187,13 @@ class Directory:
             for reader in self._met(remote):
                 reader.came(remote, at_ns)
         if not info.is_reader:
-            self._count(peer.port(info.subject, info.count), info.count, False, at_ns)
+            self._count(peer, peer.port(info.subject, info.count), info.count, False, at_ns)
 
-    def _count(self, port: Port, count: int, rebased: bool, at_ns: int) -> None:
+    def _count(self, peer: Peer, port: Port, count: int, rebased: bool, at_ns: int) -> None:
         if rebased:
             port.numbering.rebase(count)
         else:
-            self._lost(port, port.numbering.status(count), at_ns)
+            self._lost(peer.node, port, port.numbering.status(count), at_ns)
 
     def _sign(self, peer: Peer, sign: Sign, at_ns: int) -> None:
         if sign.kind is SignKind.ROUND:

@@ -112,7 +112,7 @@ class Herald:
             self.sign(Sign(SignKind.ROUND, round=self._round))
         for outlet in self._outlets.values():
             if outlet.count != outlet.told or (everything and outlet.publishers):
-                self._tell(outlet)
+                self.tell(outlet)
 
     def beat(self, now_ns: int, ends: Iterable[End]) -> None:
         """Send a heartbeat, which is what asserts AUTOMATIC publishers."""
@@ -136,7 +136,7 @@ class Herald:
 
     def sign(self, sign: Sign) -> ReturnCode:
         """Send a sign of life, or of its end."""
-        return self._send(SIGN_SUBJECT, sign.encode())
+        return self._send(SIGN_SUBJECT, sign.encode(), heard=self.listening or sign.kind is not SignKind.ASSERTS)
 
     def sample(self, outlet: Outlet, payload: bytes) -> ReturnCode:
         """Send a sample. Its number is used up when at least one frame of it went out."""
@@ -147,7 +147,7 @@ class Herald:
         if code == ReturnCode.OK or self._link.cut:
             outlet.count = (outlet.count + 1) % NUMBERS
             if outlet.count % _COUNT_EVERY == 0:
-                self._tell(outlet)
+                self.tell(outlet)
         return code
 
     def rebase(self, outlet: Outlet, count: int) -> ReturnCode:
@@ -166,32 +166,36 @@ class Herald:
         kind = dataclasses.replace(profile, number=0)
         if kind not in self._outlets:
             fixed = self._fixed.get(kind.topic)
-            if fixed is None:
-                self._outlets[kind] = Outlet(self._free_subject(int.from_bytes(kind.topic, "little")))
-            else:
-                self._outlets[kind] = self._take_over(fixed)
+            self._outlets[kind] = self._new_outlet(kind) if fixed is None else self._fixed_outlet(fixed)
         return self._outlets[kind]
 
-    def _take_over(self, subject: int) -> Outlet:
-        """A fixed subject for another QoS; its numbers go on."""
-        for kind, outlet in tuple(self._outlets.items()):
+    def _new_outlet(self, kind: Endpoint) -> Outlet:
+        first = int.from_bytes(kind.topic, "little")
+        taken = {outlet.subject for outlet in self._outlets.values()} | set(self._fixed.values())
+        for step in range(SUBJECT_MAX + 1):
+            subject = (first + step) % (SUBJECT_MAX + 1)
+            if subject not in taken:
+                return Outlet(subject)
+        fixed = set(self._fixed.values())
+        for other, outlet in tuple(self._outlets.items()):
+            if not outlet.publishers and outlet.subject not in fixed:
+                return self._take_over(other)
+        raise RmwError(ReturnCode.BAD_ALLOC, "no subject is free")
+
+    def _fixed_outlet(self, subject: int) -> Outlet:
+        for other, outlet in tuple(self._outlets.items()):
             if outlet.subject == subject:
                 if outlet.publishers:
                     raise RmwError(
                         ReturnCode.INCOMPATIBLE_QOS,
                         f"subject {subject}, which is fixed, has a publisher with another QoS",
                     )
-                del self._outlets[kind]
-                return outlet
+                return self._take_over(other)
         return Outlet(subject)
 
-    def _free_subject(self, first: int) -> int:
-        taken = {outlet.subject for outlet in self._outlets.values()} | set(self._fixed.values())
-        for step in range(SUBJECT_MAX + 1):
-            subject = (first + step) % (SUBJECT_MAX + 1)
-            if subject not in taken:
-                return subject
-        raise RmwError(ReturnCode.BAD_ALLOC, "no subject is free")
+    def _take_over(self, other: Endpoint) -> Outlet:
+        """An outlet that nobody uses any more, for another topic or QoS; its numbers go on."""
+        return self._outlets.pop(other)
 
     def adjust(self, qualities: Iterable[QosProfile]) -> None:
         """Beat as often as the AUTOMATIC publishers need that there are now."""
@@ -203,12 +207,16 @@ class Herald:
         self._period_ns = min([self._base_period_ns, *leases])
         self._beat_ns = min(self._beat_ns, self._clock.now_ns() + self._period_ns)
 
-    def _tell(self, outlet: Outlet) -> None:
-        if self._send(STATUS_SUBJECT, Status(outlet.subject, outlet.count).encode()) == ReturnCode.OK:
+    def tell(self, outlet: Outlet) -> None:
+        """Tell how many samples have gone out there."""
+        status = Status(outlet.subject, outlet.count)
+        if self._send(STATUS_SUBJECT, status.encode(), heard=self.listening) == ReturnCode.OK:
             outlet.told = outlet.count
 
-    def _send(self, subject: int, payload: bytes) -> ReturnCode:
+    def _send(self, subject: int, payload: bytes, *, heard: bool = True) -> ReturnCode:
+        """``heard``: keep it for this session itself, which a session that is not driven never looks at."""
         transfer_id = next(self._transfers[subject])
         code = self._link.send(subject, transfer_id, payload, MANAGEMENT_PRIORITY)
-        self.said.append(Said(subject, transfer_id, payload, self._clock.now_ns()))
+        if heard:
+            self.said.append(Said(subject, transfer_id, payload, self._clock.now_ns()))
         return code

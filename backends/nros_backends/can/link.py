@@ -10,7 +10,7 @@ import can
 from can.interfaces.virtual import VirtualBus
 
 from nros_backends.can.buses import Wiring
-from nros_backends.can.frames import MessageId, can_id, parse_id, segment
+from nros_backends.can.frames import MTU_CLASSIC, MessageId, can_id, parse_id, segment
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode
 
@@ -80,7 +80,7 @@ class Link:
     def send(self, subject: int, transfer_id: int, payload: bytes, priority: int) -> ReturnCode:
         """Send one transfer. WOULD_BLOCK when the controller has no room, CONNECTION_FAILED when it is off the bus."""
         identifier = can_id(priority, subject, self.node)
-        fd = self.mtu > 8
+        fd = self.mtu > MTU_CLASSIC
         self.cut = False
         for data in segment(payload, transfer_id, self.mtu):
             message = _Outgoing(
@@ -147,7 +147,7 @@ class Link:
                 self.restarted |= self.off
                 self.off = False
             return None
-        if not message.is_extended_id or message.is_remote_frame or (message.is_fd and self.mtu == 8):
+        if not message.is_extended_id or message.is_remote_frame or (message.is_fd and self.mtu == MTU_CLASSIC):
             return None
         identifier = parse_id(message.arbitration_id)
         if identifier is not None and identifier.node == self.node:

@@ -135,6 +135,8 @@ class CanSession(Session):
             self.herald.listening = bool(self.directory.readers)
         if isinstance(end, CanPublisher):
             end.outlet.publishers -= 1
+            if end.outlet.count != end.outlet.told and not self.closed:
+                self.herald.tell(end.outlet)  # while the others still know what it is about
         if not self.closed:  # else the whole node has taken its leave
             self.herald.adjust(other.qos for other in self._ends if isinstance(other, CanPublisher))
             self.herald.sign(Sign(SignKind.GONE, end.number))

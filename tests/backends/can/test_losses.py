@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from nros_conformance.rmw.codes import ReturnCode
+from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.events import EventKind
-from nros_conformance.rmw.qos import History
+from nros_conformance.rmw.qos import History, Liveliness
 from tests.backends.can.conftest import Bench, Log, publisher, subscription, take
 
 COUNTS = [1, 5, 31, 100]
@@ -146,3 +146,50 @@ def test_a_preset_total_goes_on_from_there(bench: Bench) -> None:
     assert [status for _, status in log.events] == [(2**32 - 1, 5)]
     assert bench.backend.inject("preset", entity=listener, count=1, kind=3) == ReturnCode.UNSUPPORTED
     assert bench.backend.inject("preset", entity=listener, count=1, kind=None) == ReturnCode.UNSUPPORTED
+
+
+def test_what_a_publisher_lost_last_is_counted_when_it_goes(bench: Bench) -> None:
+    talker, listener = publisher(bench.session()), subscription(bench.session())
+    log = Log().watch(listener, EventKind.MESSAGE_LOST)
+    bench.run()
+    talker.publish_raw(b"head")
+    bench.backend.inject("lose", entity=talker, count=3, publish=lambda: talker.publish_raw(b"lost"))
+    talker.destroy()
+    bench.run()
+    assert log.total == 3
+
+
+def test_a_subject_that_changes_its_topic_costs_the_old_one_nothing(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from nros_backends.can import herald
+
+    monkeypatch.setattr(herald, "SUBJECT_MAX", 0)
+    session, ear = bench.session(), bench.session()
+    old, new = subscription(ear, "old"), subscription(ear, "new")
+    first = publisher(session, "old")
+    bench.run()
+    first.publish_raw(b"old")
+    first.destroy()
+    second = publisher(session, "new")
+    bench.run()
+    assert second.outlet.subject == first.outlet.subject
+    second.publish_raw(b"new")
+    bench.backend.inject("lose", entity=second, count=3, publish=lambda: second.publish_raw(b"lost"))
+    second.publish_raw(b"tail")
+    bench.run(300)
+    assert (take(old), take(new)) == ([b"old"], [b"new", b"tail"])
+    assert (old.losses.total, new.losses.total) == (0, 3)
+    with pytest.raises(RmwError, match="no subject is free") as raised:
+        publisher(session, "third")
+    assert raised.value.code is ReturnCode.BAD_ALLOC
+
+
+def test_a_session_that_nobody_drives_does_not_grow(bench: Bench) -> None:
+    session = bench.session(driven=False)
+    talker = publisher(session, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=1_000)
+    before = len(session.herald.said)
+    for _ in range(100):
+        talker.publish_raw(b"x")
+        talker.assert_liveliness()
+    assert len(session.herald.said) == before

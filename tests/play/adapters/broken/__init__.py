@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
+import sys
 import time
 
 from nros_backends.reference.backend import ReferenceBackend, ReferenceSession
@@ -85,3 +87,10 @@ class DiesAtOnce(Segfaults):
 
 class Healthy(Segfaults):
     session = ReferenceSession
+
+
+class SaysWhoCollects(Healthy):
+    def __init__(self, host: Host) -> None:
+        super().__init__(host)
+        sys.stderr.write(f"garbage is {'' if gc.isenabled() else 'not '}collected\n")
+        sys.stderr.flush()
