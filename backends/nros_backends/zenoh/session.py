@@ -54,7 +54,7 @@ class ZenohSession(Session):
         self._node_name = node_name
         self.lease_ms = lease_ms
         self._transports: dict[int, zenoh.Session] = {}
-        """By lease, ms: those for AUTOMATIC leases shorter than the session's."""
+        """By lease, ms: those for leases shorter than the session's."""
         self._signal = clock.signal()
         self._inbox: collections.deque[_Note] = collections.deque()
         self._graph: dict[str, Token] = {}
@@ -338,8 +338,11 @@ class ZenohSession(Session):
         self.note()
 
     def _transport_for(self, qos: QosProfile) -> zenoh.Session:
-        """Where the token of a publisher lives: on a transport whose lease is not longer than its own."""
-        if qos.liveliness is not Liveliness.AUTOMATIC or not is_finite(qos.lease_ms) or qos.lease_ms >= self.lease_ms:
+        """Where the token of a publisher lives: on a transport whose lease is not longer than its own.
+
+        Also that of a MANUAL one: who is frozen withdraws no token.
+        """
+        if qos.liveliness is Liveliness.NONE or not is_finite(qos.lease_ms) or qos.lease_ms >= self.lease_ms:
             return self.zenoh
         with self.dispatching:
             if qos.lease_ms not in self._transports:
