@@ -90,7 +90,8 @@ class ZenohSession(Session):
     @property
     def connected(self) -> bool:
         """Whether a router is there, for a client; peers need nobody."""
-        return not self.locator or bool(self._links)
+        # The notifications may be a moment behind a session that has just been opened.
+        return not self.locator or bool(self._links) or bool(self.zenoh.info.routers_zid())
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
         token = self._admit(Side.PUBLISHER, topic, type_name, qos)
@@ -128,7 +129,7 @@ class ZenohSession(Session):
         finally:
             self._driver = None
             self._driving.release()
-        return ReturnCode.OK if self.connected or self.closed else ReturnCode.CONNECTION_FAILED
+        return ReturnCode.OK if self.closed or self.connected else ReturnCode.CONNECTION_FAILED
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """OK when the router has answered; UNSUPPORTED between peers."""
@@ -316,6 +317,8 @@ class ZenohSession(Session):
         if self.closed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         in_force = admit(topic, type_name, qos)
+        if not self.connected:
+            raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router answers at {self.locator}")
         name, wire_type = keys.absolute(topic), keys.wire_type(type_name)
         for other in tuple(self._graph.values()):
             if other.topic == name and other.type_name != wire_type:

@@ -213,6 +213,9 @@ def test_a_router_that_dies_and_comes_back_has_the_same_address_and_all_publishe
         assert [publisher.session.ping(20), stage.backend.ping(options, 20, 2)] == [ReturnCode.TIMEOUT] * 2
         with pytest.raises(RmwError, match="CONNECTION_FAILED"):
             stage.backend.create_session(options)
+        with pytest.raises(RmwError) as error:
+            stage.publisher(publisher.session)
+        assert str(error.value) == f"CONNECTION_FAILED (-18): no router answers at {endpoint}"
         router.start()
         assert router.endpoint() == endpoint
         stage.until(lambda: log.last == 1)
