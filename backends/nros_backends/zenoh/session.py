@@ -317,7 +317,8 @@ class ZenohSession(Session):
         if self.closed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         in_force = admit(topic, type_name, qos)
-        if not self.connected:
+        # zenoh declares into the void without a word, and learns of a router's death a moment later.
+        if self.locator and ping_router(self.zenoh, self.lease_ms if self.connected else 0, 1) != ReturnCode.OK:
             raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router answers at {self.locator}")
         name, wire_type = keys.absolute(topic), keys.wire_type(type_name)
         for other in tuple(self._graph.values()):
