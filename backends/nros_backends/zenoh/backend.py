@@ -7,8 +7,9 @@ zenoh carries bytes and tokens; all status events are the shim's, over what zeno
 - **LivelinessChanged** counts tokens, which are unique to their publishers: the set of keys, never the
   notifications, of which zenoh repeats some. A token that goes does not say why, so every publisher that goes
   leaves both counts: not_alive_count is always 0.
-- **AUTOMATIC liveliness** is the transport's lease. A publisher whose lease is shorter than the session's has
-  its token on a transport of its own with that lease.
+- **AUTOMATIC liveliness** is the transport's lease. The token of a publisher whose lease is shorter than the
+  session's is on a transport of its own with that lease; of a MANUAL one too, because a frozen process withdraws
+  nothing.
 - **MANUAL liveliness**: the publisher's session withdraws the token when the lease has passed without an
   assertion, and declares it again with the next. A thread sees to it also when nobody calls `drive_io`.
   LivelinessLost counts the same moment. Publishing asserts.
@@ -17,6 +18,9 @@ zenoh carries bytes and tokens; all status events are the shim's, over what zeno
   receive queue pushes out. A sample without a valid attachment belongs to no publisher and is dropped.
 - **A sample larger than the caller's buffer** is dropped and counted as lost.
 - **Ends are matched by their tokens** as DDS matches them; what does not match is neither delivered nor counted.
+- **What zenoh does and the adapter does not hide**: a peer that was frozen for longer than its lease connects again
+  when it thaws, but on a busy host now and then without telling its tokens and subscriptions, which then stay
+  unknown for ever; the picture is that of eclipse-zenoh/zenoh#2806. Clients of a router always come back.
 - **No callback of the application** runs on a thread of zenoh: those only fill a queue that `drive_io` works off.
 """
 
@@ -58,6 +62,9 @@ ROUTER = "router"
 
 _LEASE_MAX_MS = 3_600_000
 
+_PORTS_EACH = 8
+"""Leased ports from which a scenario takes the first that is free: so those that live at once differ."""
+
 
 class ZenohBackend(Backend):
     """Eclipse zenoh."""
@@ -68,7 +75,7 @@ class ZenohBackend(Backend):
         self._sessions: weakref.WeakSet[ZenohSession] = weakref.WeakSet()
         self._faults = Faults(self._network, lambda: list(self._sessions))
         given = host.options.get("locator", "")
-        self._own = OwnRouter(host.ports, host.network) if host.variant == ROUTER and not given else None
+        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH) if host.variant == ROUTER and not given else None
         self._environment: Environment = GivenRouter(given) if given else self._own or Environment()
 
     def create_session(self, options: SessionOptions) -> Session:

@@ -18,6 +18,9 @@ LEASE_MS = 500
 RETRY_MS = 50
 """How soon a session tries again to connect; zenoh's own is 1 s, growing to 4 s."""
 
+_KEEP_ALIVES = 8
+"""Signs of life per lease; zenoh's default is 4. A busy host may delay one by the rest of the lease."""
+
 _WAIT_BEFORE_DROP_US = 50_000
 """How long a best-effort sample waits for room in zenoh's queue of two batches before it is dropped."""
 
@@ -54,6 +57,7 @@ def open_session(
         "transport/unicast/open_timeout": patience_ms,
         "transport/unicast/accept_timeout": patience_ms,
         "transport/link/tx/lease": lease_ms,
+        "transport/link/tx/keep_alive": _KEEP_ALIVES,
         # What blocks a reliable publication for longer than the lease is a dead peer.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": lease_ms * 1000,
         # The default of 1 ms is shorter than a busy host takes to run zenoh's own sender.

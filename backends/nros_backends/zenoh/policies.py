@@ -6,8 +6,8 @@ zenoh knows none of the contract's policies but the reliability of a link, so al
 - TRANSIENT_LOCAL: see `history`;
 - lifespan: the publisher's, counted from reception, and from the publication for what late ones get;
 - deadlines and MANUAL liveliness run on the shim's clock;
-- AUTOMATIC liveliness is the lease of a zenoh transport. A lease shorter than the session's own gets a
-  transport of its own, see `network`.
+- AUTOMATIC liveliness is the lease of a zenoh transport. A publisher with a shorter lease than the session's
+  has its token on a transport of its own.
 - depth 0 becomes 1; `Entity.qos` says so. NONE is AUTOMATIC without a lease.
 - A finite lease below `MIN_LEASE_MS` is refused: the keep-alives of a transport are a quarter of it apart, and
   at 30 ms a busy host makes a healthy one look dead.

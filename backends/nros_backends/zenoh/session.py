@@ -54,7 +54,7 @@ class ZenohSession(Session):
         self._node_name = node_name
         self.lease_ms = lease_ms
         self._transports: dict[int, zenoh.Session] = {}
-        """By lease, ms: those for AUTOMATIC leases shorter than the session's."""
+        """By lease, ms: those for leases shorter than the session's."""
         self._signal = clock.signal()
         self._inbox: collections.deque[_Note] = collections.deque()
         self._graph: dict[str, Token] = {}
@@ -90,7 +90,8 @@ class ZenohSession(Session):
     @property
     def connected(self) -> bool:
         """Whether a router is there, for a client; peers need nobody."""
-        return not self.locator or bool(self._links)
+        # The notifications may be a moment behind a session that has just been opened.
+        return not self.locator or bool(self._links) or bool(self.zenoh.info.routers_zid())
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
         token = self._admit(Side.PUBLISHER, topic, type_name, qos)
@@ -128,7 +129,7 @@ class ZenohSession(Session):
         finally:
             self._driver = None
             self._driving.release()
-        return ReturnCode.OK if self.connected or self.closed else ReturnCode.CONNECTION_FAILED
+        return ReturnCode.OK if self.closed or self.connected else ReturnCode.CONNECTION_FAILED
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """OK when the router has answered; UNSUPPORTED between peers."""
@@ -316,6 +317,9 @@ class ZenohSession(Session):
         if self.closed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         in_force = admit(topic, type_name, qos)
+        # zenoh declares into the void without a word, and learns of a router's death a moment later.
+        if self.locator and ping_router(self.zenoh, self.lease_ms if self.connected else 0, 1) != ReturnCode.OK:
+            raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router answers at {self.locator}")
         name, wire_type = keys.absolute(topic), keys.wire_type(type_name)
         for other in tuple(self._graph.values()):
             if other.topic == name and other.type_name != wire_type:
@@ -338,8 +342,11 @@ class ZenohSession(Session):
         self.note()
 
     def _transport_for(self, qos: QosProfile) -> zenoh.Session:
-        """Where the token of a publisher lives: on a transport whose lease is not longer than its own."""
-        if qos.liveliness is not Liveliness.AUTOMATIC or not is_finite(qos.lease_ms) or qos.lease_ms >= self.lease_ms:
+        """Where the token of a publisher lives: on a transport whose lease is not longer than its own.
+
+        Also that of a MANUAL one: who is frozen withdraws no token.
+        """
+        if qos.liveliness is Liveliness.NONE or not is_finite(qos.lease_ms) or qos.lease_ms >= self.lease_ms:
             return self.zenoh
         with self.dispatching:
             if qos.lease_ms not in self._transports:
