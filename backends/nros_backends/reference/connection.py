@@ -105,9 +105,10 @@ class ConnectedSession(Session):
         if self.connected:
             if self.lost or found:
                 self.backend.tell(one for entity in self.entities for one in self.backend.world.rejoin(entity.id, now))
-            self.link.silent_since, self.lost = None, False
+            self.link.silent_since, self.link.noticed, self.lost = None, False, False
         elif self.link.open and self.backend.agent.up:
-            self.given_up(now, for_good=True)  # a peer that answers and does not know it
+            self.link.noticed = True  # the peer answers, and does not know it
+            self.given_up(now, for_good=True)
             self.lose()
         elif self.link.silent_since is None:
             self.link.silent_since = now
@@ -115,11 +116,12 @@ class ConnectedSession(Session):
     @property
     def notices_ns(self) -> int:
         """When it will notice that its peer is gone."""
-        return NEVER if self.lost else self.link.lost_ns
+        return self.link.lost_ns
 
     def notice(self, now_ns: int) -> None:
         """Nothing has come from the peer for the connection lease."""
         if self.notices_ns <= now_ns:
+            self.link.noticed = True
             self.given_up(now_ns)
             self.lose()
 

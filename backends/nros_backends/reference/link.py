@@ -26,6 +26,8 @@ class Link:
     """By how much what the session sends arrives later."""
     silent_since: int | None = None
     """Since when nothing has come from the peer."""
+    noticed: bool = False
+    """Whether that has lasted for the lease already."""
 
     @property
     def open(self) -> bool:
@@ -35,7 +37,7 @@ class Link:
     @property
     def lost_ns(self) -> int:
         """From when on the session knows that its peer is gone (CON-004, CON-007)."""
-        return NEVER if self.silent_since is None else self.silent_since + self.lease
+        return NEVER if self.silent_since is None or self.noticed else self.silent_since + self.lease
 
 
 class ReferenceEnvironment(Environment):
