@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from nros_backends.reference.link import Link
 from nros_conformance.rmw.backend import Session, SessionOptions
-from nros_conformance.rmw.clock import MS, NEVER
+from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
 if TYPE_CHECKING:
