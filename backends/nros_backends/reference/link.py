@@ -45,26 +45,20 @@ class ReferenceEnvironment(Environment):
 
     def __init__(self, backend: ReferenceBackend) -> None:
         self._backend = backend
-        self._log: list[str] = []
         backend.agent.stop()
 
     def start(self) -> None:
-        self._note("start")
         with self._backend.lock:
             self._backend.agent.start()
             self._backend.peer_changed()
 
     def stop(self, *, kill: bool = False) -> None:
-        self._note("killed" if kill else "stop")
         with self._backend.lock:
             self._backend.agent.stop()
             self._backend.peer_changed()
 
     def endpoint(self) -> str:
         return ENDPOINT
-
-    def log(self) -> str:
-        return "".join(self._log)
 
     def entities(self) -> Sequence[Listed] | None:
         with self._backend.lock:
@@ -78,9 +72,6 @@ class ReferenceEnvironment(Environment):
         with self._backend.lock:
             self._backend.advance()
             return {"checks": self._backend.agent.checks, "probes": self._backend.agent.probes}
-
-    def _note(self, what: str) -> None:
-        self._log.append(f"{self._backend.clock.now_ns() / 1e6:.1f} ms: {what}\n")
 
 
 @dataclasses.dataclass(order=True, slots=True)
