@@ -95,6 +95,10 @@ class RowRun:
         """Scenarios to play."""
         return len(self._to_play)
 
+    def settled(self, result: ScenarioResult) -> bool:
+        """Whether no further attempt will follow."""
+        return result.verdict != "inconclusive" or self.row.virtual or len(result.attempts) >= ATTEMPTS
+
     def play(self) -> Report:
         """Play all, write ``report.json``; also when interrupted."""
         traces = self.folder / "traces"
@@ -197,6 +201,7 @@ class RowRun:
             row=self.row.name,
             backend=self.row.declaration.name,
             variant=self.row.variant,
+            asked=self.row.asked,
             available=not self.broken,
             unavailable_reason=self.broken,
             declaration=self.row.declaration,

@@ -122,6 +122,8 @@ class Directory:
             return
         self._lost(port, missing, at_ns)
         for reader in port.readers or ():
+            if at_ns < reader.created_ns:
+                continue  # it waited on the bus from before this subscription
             port.synchronised.add(reader.number)
             reader.deliver(payload, at_ns, port.lifespan_ms)
             self.fresh = True

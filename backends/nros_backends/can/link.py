@@ -112,7 +112,7 @@ class Link:
         """The next frame of another node; False when none came in time, True for one to be ignored."""
         begin = self._clock.now_ns()
         try:
-            message = self.bus.recv(max(timeout_ns, 0) / 1e9)
+            message = self._recv(timeout_ns)
             self._errors = 0
         except can.CanError:
             # A datagram that is no frame, or an interface that is down; the latter answers so for ever.
@@ -129,6 +129,14 @@ class Link:
             self.ignored += 1
             return True
         return Frame(identifier, bytes(message.data), self._stamp(message.timestamp))
+
+    def _recv(self, timeout_ns: int) -> can.Message | None:
+        if not self._clock.virtual or timeout_ns <= 0:
+            return self.bus.recv(max(timeout_ns, 0) / 1e9)
+        message = self.bus.recv(0)
+        if message is None:
+            self._clock.wait(None, self._clock.now_ns() + min(timeout_ns, MS))  # a bus waits in real time only
+        return message
 
     def _identify(self, message: can.Message) -> MessageId | None:
         """Whose frame it is; None when it is not to be looked at."""

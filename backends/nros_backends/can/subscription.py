@@ -48,6 +48,7 @@ class CanSubscription(End, Subscription):
             EventKind.MESSAGE_LOST: self.losses,
         }
         super().__init__(session, number, names, qos, sources)
+        self.created_ns = session.clock.now_ns()
         self._depth = None if qos.history is History.KEEP_ALL else qos.depth
         self._lifespan_ms = finite(qos.lifespan_ms)
         self._waiting: collections.deque[Sample] = collections.deque()

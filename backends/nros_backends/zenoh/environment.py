@@ -35,12 +35,10 @@ class OwnRouter(Environment):
         """Raises `RmwError` CONNECTION_FAILED with what the router has printed."""
         if self.running:
             return
-        if not self._endpoint:
-            self._endpoint = f"tcp/127.0.0.1:{self._free_port()}"
         if self._log is None:
             self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "nros_backends.zenoh.router", self._endpoint, str(LEASE_MS)],
+            [sys.executable, "-m", "nros_backends.zenoh.router", self.endpoint(), str(LEASE_MS)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
         )  # fmt: skip
         assert self._process.stdout is not None
@@ -86,6 +84,9 @@ class OwnRouter(Environment):
         return None if self._process is None else self._process.pid
 
     def endpoint(self) -> str:
+        """Chosen when first asked for."""
+        if not self._endpoint:
+            self._endpoint = f"tcp/127.0.0.1:{self._free_port()}"
         return self._endpoint
 
     def log(self) -> str:

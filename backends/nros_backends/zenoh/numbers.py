@@ -8,7 +8,7 @@ from nros_backends.zenoh.attachment import Attachment
 from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.detection import CountTracker, GapTracker
 
-HOLD_NS = 10 * MS
+HOLD_NS = 25 * MS
 """A gap counts as loss when it has stayed open for so long: what was overtaken on the way comes within it."""
 
 _EARLY = 64
@@ -54,9 +54,10 @@ class Numbers:
         if number <= known.last:
             if self._fill(gid, number):
                 return True
-            if sample.source_ns <= known.source_ns:
+            begins_again = number < known.last or number == 1
+            if not begins_again or sample.source_ns <= known.source_ns:
                 return False  # a duplicate, or too late: it has been counted
-            self._gaps.forget(gid)  # the publisher has begun again
+            self._gaps.forget(gid)
             self._open = [gap for gap in self._open if gap.gid != gid or self._count(gap)]
         lost = self._gaps.sample(gid, number % _MODULUS, at_ns)
         if lost:
