@@ -26,6 +26,8 @@ class Link:
     """By how much what the session sends arrives later."""
     silent_since: int | None = None
     """Since when nothing has come from the peer."""
+    cuts: int = 0
+    """How often the way out has been found broken."""
     noticed: bool = False
     """Whether that has lasted for the lease already."""
 
