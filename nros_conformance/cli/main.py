@@ -76,6 +76,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         "--max-unclear", type=int, default=0, metavar="N",
         help="tolerate N scenarios that stay unclear after repeats (default 0)",
     )  # fmt: skip
+    run.add_argument(
+        "--known", type=Path, metavar="FILE", help="[[known]] entries of your own, added to those of backend.toml"
+    )
+    run.add_argument("--junit", type=Path, metavar="FILE", help="also write the verdicts as JUnit XML")
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
 
     lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")
@@ -112,6 +116,11 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         "subject", nargs="+", metavar="SUBJECT",
         help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
     )  # fmt: skip
+
+    new = _command(commands, "new-backend", "write the package of a new backend", module="new_backend")
+    new.add_argument("name", metavar="NAME", help="lower case, as in: mqtt")
+    new.add_argument("--into", type=Path, metavar="DIR", help="default: nros-NAME in this directory")
+
     if next((word for word in arguments if not word.startswith("-")), None) not in commands.choices:
         from nros_conformance.cli.extras import add_extras  # so that our own commands do not wait for them
 
