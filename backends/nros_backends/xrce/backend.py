@@ -73,7 +73,7 @@ class XrceBackend(Backend):
     def _choose(self) -> OwnAgent | UserAgent:
         named = self.host.options.get("agent")
         if named:
-            return UserAgent(_address(named), self.host.clock, lambda: bool(self._sessions))
+            return UserAgent(_address(named), self.host.clock)
         kind = ExternalAgent if self.host.variant == "external" else EmbeddedAgent
         return kind(self.host.ports, self.host.network)
 
