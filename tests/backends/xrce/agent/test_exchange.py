@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from nros_backends.xrce.wire.binary import EndpointQos, Qos, TopicBody
+from nros_backends.xrce.wire.binary import EndpointQos, Qos, ReaderBody, TopicBody
 from nros_backends.xrce.wire.ids import NO_STREAM, RELIABLE
-from nros_backends.xrce.wire.messages import Acknack, DeliveryControl, Reset
-from tests.backends.xrce.agent.peer import READER, WRITER, Net, Peer
+from nros_backends.xrce.wire.messages import Acknack, Delete, DeliveryControl, ReadData, Reset
+from tests.backends.xrce.agent.peer import READER, SQUARE, WRITER, Net, Peer, create
 
 BEST_EFFORT = EndpointQos(Qos(0))
 RELIABLE_QOS = EndpointQos(Qos.RELIABLE)
@@ -192,3 +192,20 @@ def test_a_reset_leaves_entities_and_readings() -> None:
     publisher.write(b"b")
     (message,) = subscriber.look()
     assert message.header.sequence == 0
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_reading_ends_with_its_reader_even_if_another_takes_its_id_at_once(replaced: bool) -> None:
+    _, publisher, subscriber = pair()
+    again = create(READER, ReaderBody(SQUARE), replace=replaced)
+    subscriber.send(*([] if replaced else [Delete(request=3, object=READER)]), again)
+    publisher.write(b"x")
+    assert subscriber.samples() == []
+    subscriber.read()
+    assert subscriber.samples() == [b"x"]
+
+
+def test_the_answer_to_a_reading_of_nothing_is_always_reliable() -> None:
+    _, publisher, _ = pair()
+    (reply,) = publisher.send(ReadData(request=1, object=READER, stream=1))
+    assert reply.header.stream == RELIABLE
