@@ -11,8 +11,8 @@ from nros_conformance.rmw.events import KIND_BY_LABEL, EventKind
 from nros_conformance.rmw.qos import is_finite
 from nros_conformance.trace.records import Act, Event, FaultRecord, Registered, State, Trace
 
-_SILENCING = {"stop": "start", "partition": "heal", "block": "heal", "freeze": "thaw", "crash": ""}
-"""Faults after which a peer does not answer, and what ends them."""
+_SILENCING = {"stop": "start", "partition": "heal", "block": "heal", "delay": "heal", "freeze": "thaw", "crash": ""}
+"""Faults after which the peer does not answer the session that they hit (``stop``: anybody), and what ends them."""
 
 
 def observe(trace: Trace) -> list[Observation]:
@@ -23,7 +23,11 @@ def observe(trace: Trace) -> list[Observation]:
     """
     entities = _entities(trace.header.scenario)
     gone: set[str] = set()
-    silencing: set[str] = set()
+    silencing = {("stop", "")} if trace.header.scenario.get("peer") == "absent" else set()
+    checked = {name for name, one in trace.header.scenario.get("sessions", {}).items() if "hard_liveliness" in one}
+    living: set[str] = set()
+    forgotten: set[str] = set()
+    """Sessions that the peer may not know any more: neither answered nor silent."""
     seen: list[Observation] = []
     for record in trace.records:
         if isinstance(record, Registered):
@@ -37,10 +41,14 @@ def observe(trace: Trace) -> list[Observation]:
             seen.append(Observation(call=call, side=side, code=record.code))
             if record.what == "destroyed":
                 gone.add(record.entity or record.session)
+            if not record.entity:
+                (living.add if record.what == "created" else living.discard)(record.session)
+                forgotten.discard(record.session)
         elif isinstance(record, FaultRecord):
             if record.fault in _SILENCING:
-                silencing.add(record.fault)
-            silencing -= {fault for fault, ends in _SILENCING.items() if ends == record.fault}
+                silencing.add((record.fault, record.of))
+                forgotten |= living if record.fault == "stop" else checked & {record.of}
+            silencing -= {one for one in silencing if _SILENCING[one[0]] == record.fault and one[1] == record.of}
         elif isinstance(record, Act) and not record.raised and isinstance(record.result, int):
             if record.op in ("register", "supports"):
                 side, kind = _side(entities, record.entity), _kind(record.args.get("kind"))
@@ -50,8 +58,10 @@ def observe(trace: Trace) -> list[Observation]:
                 case = "destroyed" if destroyed else _case(record, side, kind, entities)
                 seen.append(Observation(call=record.op, side=side, kind=kind, case=case, code=int(record.result)))
             elif record.op == "ping":
-                case = "silent" if silencing else "reachable"
-                seen.append(Observation(call="ping", side="session", case=case, code=int(record.result)))
+                silent = any(of in ("", record.session) for _, of in silencing)
+                if silent or record.session not in forgotten:
+                    case = "silent" if silent else "reachable"
+                    seen.append(Observation(call="ping", side="session", case=case, code=int(record.result)))
     return list(tally(seen))
 
 

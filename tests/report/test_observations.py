@@ -104,6 +104,23 @@ def test_a_ping_is_silent_while_a_fault_silences_the_peer() -> None:
     assert found == [("ping", "session", None, "reachable", 0), ("ping", "session", None, "silent", -2)]
 
 
+def created(session: str) -> State:
+    return State(entity="", session=session, what="created", begin=0, end=1)
+
+
+def test_a_session_that_a_restarted_peer_has_forgotten_is_neither_answered_nor_silent() -> None:
+    stop = FaultRecord(label="s", fault="stop", begin=0, end=1)
+    start = FaultRecord(label="s", fault="start", begin=2, end=3)
+    found = cases(created("sub"), stop, start, act("ping", "", -2), created("sub"), act("ping", "", 0))
+    assert [one for one in found if one[0] == "ping"] == [("ping", "session", None, "reachable", 0)]
+
+
+def test_a_broken_link_silences_the_peer_for_its_own_session() -> None:
+    cut = FaultRecord(label="s", fault="partition", of="sub", begin=0, end=1)
+    found = cases(cut, act("ping", "", -2), act("ping", "", 0, session="pub"))
+    assert found == [("ping", "session", None, "reachable", 0), ("ping", "session", None, "silent", -2)]
+
+
 def test_what_raised_or_answered_no_code_is_no_observation() -> None:
     raised = act("register", "listener", 0, kind=0, raised="KeyError")
     odd = act("register", "listener", "odd", kind=0)

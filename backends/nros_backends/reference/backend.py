@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import re
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import count
 from typing import Any
 
@@ -108,6 +108,10 @@ class ReferenceBackend(Backend):
             *(delayed.at_ns for delayed in self.delayed[:1]),
             *(session.notices_ns for session in self.sessions.values()),
         )
+
+    def later(self, at_ns: int, arrive: Callable[[], None]) -> None:
+        """Have something happen then."""
+        heapq.heappush(self.delayed, Delayed(at_ns, next(self.ids), arrive))
 
     def peer_changed(self) -> None:
         """The agent went, or a new one came: the sessions of before are unknown to it."""
@@ -284,10 +288,7 @@ class ReferencePublisher(_Entity, Publisher):
             self.backend.advance()
             now = self.backend.clock.now_ns()
             if self.session.link.delay:
-                order = next(self.backend.ids)
-                heapq.heappush(
-                    self.backend.delayed, Delayed(now + self.session.link.delay, order, lambda: self.send(data))
-                )
+                self.backend.later(now + self.session.link.delay, lambda: self.send(data))
             else:
                 self.send(data)
         return ReturnCode.OK

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from nros_backends.reference.link import Link
 from nros_conformance.rmw.backend import Session, SessionOptions
-from nros_conformance.rmw.clock import MS, NEVER
+from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.events import Side
+from nros_conformance.rmw.qos import is_finite
 
 if TYPE_CHECKING:
     from nros_backends.reference.backend import ReferenceBackend, ReferencePublisher, ReferenceSubscription
@@ -82,7 +84,7 @@ class ConnectedSession(Session):
         with self.backend.lock:
             self.backend.advance()
             match fault, arguments.get("direction"):
-                case "partition", _:
+                case "partition" | "freeze" | "crash", _:  # nothing is heard of it, and nothing reaches it
                     self.link.out = self.link.in_ = False
                 case "block", "out":
                     self.link.out = False
@@ -90,7 +92,7 @@ class ConnectedSession(Session):
                     self.link.in_ = False
                 case "delay", _:
                     self.link.delay = arguments["by_ns"]
-                case "heal", _:
+                case "heal" | "thaw", _:
                     self.link.out = self.link.in_ = True
                     self.link.delay = 0
                 case _:
@@ -101,25 +103,41 @@ class ConnectedSession(Session):
     def link_changed(self) -> None:
         """Something about the way to the agent, or about the agent, has changed."""
         now = self.clock.now_ns()
-        found = self.backend.agent.link(self.id, self.link.out, now)
+        self.backend.agent.link(self.id, self.link.out, now)
+        if not self.link.out:
+            self.expire_leases(now)
         if self.connected:
-            if self.lost or found:
-                self.backend.tell(one for entity in self.entities for one in self.backend.world.rejoin(entity.id, now))
-            self.link.silent_since, self.lost = None, False
+            self.backend.tell(one for entity in self.entities for one in self.backend.world.rejoin(entity.id, now))
+            self.link.silent_since, self.link.noticed, self.lost = None, False, False
         elif self.link.open and self.backend.agent.up:
-            self.given_up(now, for_good=True)  # a peer that answers and does not know it
+            self.link.noticed = True  # the peer answers, and does not know it
+            self.given_up(now, for_good=True)
             self.lose()
         elif self.link.silent_since is None:
             self.link.silent_since = now
 
+    def expire_leases(self, at_ns: int) -> None:
+        """Publishers that nobody hears of any more are lost after their own lease, if that is the shorter one."""
+        cut = self.link.cuts = self.link.cuts + 1
+        for entity in self.entities:
+            lease_ns = entity.qos.lease_ms * MS
+
+            def expire(entity: ReferencePublisher | ReferenceSubscription = entity) -> None:
+                if self.link.cuts == cut and not self.link.out and entity in self.entities:
+                    self.backend.tell(self.backend.world.part(entity.id, self.clock.now_ns()))
+
+            if entity.side is Side.PUBLISHER and is_finite(entity.qos.lease_ms) and lease_ns < self.link.lease:
+                self.backend.later(at_ns + lease_ns, expire)
+
     @property
     def notices_ns(self) -> int:
         """When it will notice that its peer is gone."""
-        return NEVER if self.lost else self.link.lost_ns
+        return self.link.lost_ns
 
     def notice(self, now_ns: int) -> None:
         """Nothing has come from the peer for the connection lease."""
         if self.notices_ns <= now_ns:
+            self.link.noticed = True
             self.given_up(now_ns)
             self.lose()
 

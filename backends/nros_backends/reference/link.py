@@ -26,6 +26,10 @@ class Link:
     """By how much what the session sends arrives later."""
     silent_since: int | None = None
     """Since when nothing has come from the peer."""
+    cuts: int = 0
+    """How often the way out has been found broken."""
+    noticed: bool = False
+    """Whether that has lasted for the lease already."""
 
     @property
     def open(self) -> bool:
@@ -35,7 +39,7 @@ class Link:
     @property
     def lost_ns(self) -> int:
         """From when on the session knows that its peer is gone (CON-004, CON-007)."""
-        return NEVER if self.silent_since is None else self.silent_since + self.lease
+        return NEVER if self.silent_since is None or self.noticed else self.silent_since + self.lease
 
 
 class ReferenceEnvironment(Environment):
@@ -43,26 +47,20 @@ class ReferenceEnvironment(Environment):
 
     def __init__(self, backend: ReferenceBackend) -> None:
         self._backend = backend
-        self._log: list[str] = []
         backend.agent.stop()
 
     def start(self) -> None:
-        self._note("start")
         with self._backend.lock:
             self._backend.agent.start()
             self._backend.peer_changed()
 
     def stop(self, *, kill: bool = False) -> None:
-        self._note("killed" if kill else "stop")
         with self._backend.lock:
             self._backend.agent.stop()
             self._backend.peer_changed()
 
     def endpoint(self) -> str:
         return ENDPOINT
-
-    def log(self) -> str:
-        return "".join(self._log)
 
     def entities(self) -> Sequence[Listed] | None:
         with self._backend.lock:
@@ -76,9 +74,6 @@ class ReferenceEnvironment(Environment):
         with self._backend.lock:
             self._backend.advance()
             return {"checks": self._backend.agent.checks, "probes": self._backend.agent.probes}
-
-    def _note(self, what: str) -> None:
-        self._log.append(f"{self._backend.clock.now_ns() / 1e6:.1f} ms: {what}\n")
 
 
 @dataclasses.dataclass(order=True, slots=True)

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import os
 import socket
-import weakref
 from collections.abc import Mapping
 from typing import Any
 
@@ -66,14 +65,14 @@ class XrceBackend(Backend):
 
     def __init__(self, host: Host) -> None:
         super().__init__(host)
-        self._sessions: weakref.WeakSet[XrceSession] = weakref.WeakSet()
+        self._sessions: set[XrceSession] = set()
         self._links: dict[tuple[str, tuple[str, int]], Link] = {}
         self._environment = self._choose()
 
     def _choose(self) -> OwnAgent | UserAgent:
         named = self.host.options.get("agent")
         if named:
-            return UserAgent(_address(named), self.host.clock, lambda: bool(self._sessions))
+            return UserAgent(_address(named), self.host.clock)
         kind = ExternalAgent if self.host.variant == "external" else EmbeddedAgent
         return kind(self.host.ports, self.host.network)
 
@@ -115,7 +114,6 @@ class XrceBackend(Backend):
     def close(self) -> None:
         for session in tuple(self._sessions):
             session.destroy()
-        self._sessions.clear()
         if isinstance(self._environment, OwnAgent):
             self._environment.close()
 

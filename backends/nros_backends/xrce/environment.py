@@ -7,21 +7,26 @@ TCP port of the same number is held all the time, by which all that do so agree.
 from __future__ import annotations
 
 import contextlib
+import json
+import queue
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from nros_backends.xrce.agent.core import EntityInfo
 from nros_backends.xrce.agent.server import AgentServer
 from nros_backends.xrce.client.client import ping_agent
+from nros_backends.xrce.external import ASK, LOOPBACK, SAYS, Pings, endpoints
 from nros_backends.xrce.link import Link
-from nros_conformance.rmw.backend import Environment
+from nros_backends.xrce.policies import given_topic
+from nros_conformance.rmw.backend import Environment, Listed
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
-
-LOOPBACK = "127.0.0.1"
+from nros_conformance.rmw.events import Side
 
 _PORT_TRIES = 64
 
@@ -34,9 +39,8 @@ _STOP_S = 5.0
 _REACH_NS = 1_000 * MS
 _REACH_ATTEMPTS = 3
 
-_SAYS = "listening on "
-_GET_INFO, _GET_INFO_AT, _AGENT, _CLIENT, _OBJECT_AT = 2, 4, b"\xff\xfd", b"\xff\xfe", 10
-"""Where a ping shows itself in a message without client key: submessage id, and whom it asks."""
+_ANSWER_S = 5.0
+"""For a process that runs to say something about itself."""
 
 
 class OwnAgent(Environment):
@@ -48,7 +52,7 @@ class OwnAgent(Environment):
         self._port = 0
         self._reservation: socket.socket | None = None
         self.started = False
-        """Whether it ever was, or somebody took care of that."""
+        """Whether it ever was, or somebody else takes care of that."""
 
     def start(self) -> None:
         """Start it, at the same port each time. Raises `RmwError` CONNECTION_FAILED."""
@@ -102,7 +106,7 @@ class EmbeddedAgent(OwnAgent):
     def __init__(self, ports: range = range(0), first: int = 0) -> None:
         super().__init__(ports, first)
         self._server: AgentServer | None = None
-        self._counts = {"checks": 0, "probes": 0}
+        self._pings = Pings()
 
     def stop(self, *, kill: bool = False) -> None:
         server, self._server = self._server, None
@@ -114,39 +118,42 @@ class EmbeddedAgent(OwnAgent):
         server = self._server
         return () if server is None else server.entities()
 
+    def entities(self) -> Sequence[Listed]:
+        return _listed(endpoints(self.graph()))
+
     def counts(self) -> Mapping[str, int]:
-        """``checks``: pings that it has sent to silent clients; ``probes``: pings of clients that reached it."""
-        return dict(self._counts)
+        return dict(self._pings.counts)
 
     def _serve(self, port: int) -> None:
         assert self._server is None
-        self._server = AgentServer(port, LOOPBACK, self._watch)
+        self._server = AgentServer(port, LOOPBACK, self._pings.watch)
         self._server.start()
-
-    def _watch(self, direction: str, _address: tuple[str, int], payload: bytes) -> None:
-        if payload[_GET_INFO_AT : _GET_INFO_AT + 1] == bytes([_GET_INFO]):
-            asked = payload[_OBJECT_AT : _OBJECT_AT + 2]
-            self._counts["probes"] += direction == "in" and asked == _AGENT
-            self._counts["checks"] += direction == "out" and asked == _CLIENT
 
 
 class ExternalAgent(OwnAgent):
-    """The agent's command as a process; ``stop(kill=True)`` is a real SIGKILL."""
+    """The agent as a process (`external`); ``stop(kill=True)`` is a real SIGKILL."""
 
     def __init__(self, ports: range = range(0), first: int = 0) -> None:
         super().__init__(ports, first)
-        self._process: subprocess.Popen[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._reader: threading.Thread | None = None
+        self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._lines: list[str] = []
+        self._before: Counter[str] = Counter()
+        """What former lives had counted when they were asked last."""
+        self._latest: Mapping[str, int] = {}
 
     def stop(self, *, kill: bool = False) -> None:
         process, self._process = self._process, None
         if process is None:
             return
+        self._before.update(self._latest)
+        self._latest = {}
+        assert process.stdin is not None
         if kill:
             process.kill()
         else:
-            process.terminate()
+            process.stdin.close()
         try:
             process.wait(_STOP_S)
         except subprocess.TimeoutExpired:
@@ -157,36 +164,65 @@ class ExternalAgent(OwnAgent):
     def log(self) -> str:
         return "".join(self._lines)
 
+    def entities(self) -> Sequence[Listed] | None:
+        answer = self._ask()
+        return [] if answer is None else _listed(answer["entities"])
+
+    def counts(self) -> Mapping[str, int]:
+        self._ask()
+        return self._before + Counter(self._latest) if self._latest or self._before else {}
+
+    def _ask(self) -> dict[str, Any] | None:
+        """What it says about itself; None when it does not run, or no more."""
+        process = self._process
+        if process is None:
+            return None
+        assert process.stdin is not None
+        try:
+            process.stdin.write(ASK)
+            process.stdin.flush()
+            answer: dict[str, Any] = json.loads(self._answers.get(timeout=_ANSWER_S))
+        except (OSError, queue.Empty):
+            return None
+        self._latest = answer["counts"]
+        return answer
+
     def _serve(self, port: int) -> None:
         assert self._process is None
         process = subprocess.Popen(
-            [sys.executable, "-m", "nros_backends.xrce.external", "--port", str(port)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            [sys.executable, "-m", "nros_backends.xrce.external", str(port)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
         assert process.stdout is not None
-        said = threading.Event()
-        ready: list[bool] = []
+        answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         lines, output = self._lines, process.stdout
 
         def read() -> None:
             for line in output:
-                lines.append(line)
-                if line.startswith(_SAYS):
-                    ready.append(True)
-                    said.set()
-            said.set()
+                if line.startswith(b"{"):
+                    answers.put(line)
+                    continue
+                lines.append(line.decode(errors="replace"))
+                if line.startswith(SAYS.encode()):
+                    answers.put(line)
+            answers.put(b"")
 
         self._reader = threading.Thread(target=read, name="xrce-agent-log", daemon=True)
         self._reader.start()
-        if said.wait(_START_S) and ready:
-            self._process = process
+        try:
+            said = answers.get(timeout=_START_S)
+        except queue.Empty:
+            said = b""
+            lines.append(f"nothing was heard of the process within {_START_S:.0f} s\n")
+        if said:
+            self._process, self._answers = process, answers
             return
         process.kill()
         process.wait()
         self._forget(process)
-        raise OSError(lines[-1].strip() if lines else f"nothing heard of the process within {_START_S:.0f} s")
+        raise OSError(lines[-1].strip() if lines else "the process ended without a word")
 
-    def _forget(self, process: subprocess.Popen[str]) -> None:
+    def _forget(self, process: subprocess.Popen[bytes]) -> None:
         if self._reader is not None:
             self._reader.join()
             self._reader = None
@@ -197,12 +233,11 @@ class ExternalAgent(OwnAgent):
 
 
 class UserAgent(Environment):
-    """Somebody else's agent, which can be asked and not be stopped. ``busy()``: whether sessions are open at it."""
+    """Somebody else's agent, which can be pinged and not be stopped."""
 
-    def __init__(self, address: tuple[str, int], clock: Clock, busy: Callable[[], bool]) -> None:
+    def __init__(self, address: tuple[str, int], clock: Clock) -> None:
         self.address = address
         self._clock = clock
-        self._busy = busy
 
     def start(self) -> None:
         """Raises `RmwError` CONNECTION_FAILED when it does not answer a ping."""
@@ -215,12 +250,16 @@ class UserAgent(Environment):
             raise RmwError(ReturnCode.CONNECTION_FAILED, f"no XRCE agent answers at {self.endpoint()}")
 
     def stop(self, *, kill: bool = False) -> None:
-        """Nothing, once all sessions are closed. Raises `RmwError` UNSUPPORTED as long as one is open."""
-        if self._busy():
-            raise RmwError(ReturnCode.UNSUPPORTED, f"the agent at {self.endpoint()} is not ours to stop")
+        """Raises `RmwError` UNSUPPORTED."""
+        raise RmwError(ReturnCode.UNSUPPORTED, f"the agent at {self.endpoint()} is not ours to stop")
 
     def endpoint(self) -> str:
         return f"{self.address[0]}:{self.address[1]}"
+
+
+def _listed(found: Iterable[Sequence[str]]) -> list[Listed]:
+    sides = {"DATAWRITER": Side.PUBLISHER, "DATAREADER": Side.SUBSCRIPTION}
+    return [Listed(sides[kind], given_topic(name)) for kind, name in found]
 
 
 def _reserve(port: int) -> socket.socket | None:

@@ -62,6 +62,11 @@ def dds_topic(topic: str, qos: QosProfile) -> str:
     return topic if qos.avoid_ros_namespace_conventions else f"rt/{topic.removeprefix('/')}"
 
 
+def given_topic(name: str) -> str:
+    """The opposite, for a topic that was given with its slash in front."""
+    return f"/{name.removeprefix('rt/')}" if name.startswith("rt/") else name
+
+
 def dds_type(type_name: str) -> str:
     """``std_msgs/msg/String`` as ROS 2 spells it in DDS: ``std_msgs::msg::dds_::String_``."""
     *namespace, name = type_name.replace("/", "::").split("::")

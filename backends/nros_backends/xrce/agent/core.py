@@ -175,8 +175,7 @@ class Agent:
     def _delete(self, session: Session) -> None:
         session.entities.clear()
         del self._sessions[session.key]
-        if self._keys.get(session.home) == session.key:
-            del self._keys[session.home]
+        del self._keys[session.home]
 
     def _outside(
         self, header: m.Header, datagram: bytes, start: int, source: Address, now_ns: int, out: list[Outgoing]
@@ -245,7 +244,7 @@ class Agent:
             return Status.RESOURCES
         if session is not None and session.id == request.session:
             session.reset()
-            self._keys.pop(session.home, None)
+            del self._keys[session.home]
             session.home = source
         else:
             if session is not None:
@@ -289,7 +288,6 @@ class Agent:
                     reply = m.StatusReply(request=request, object=target, status=Status.OK)
                     out += [(one, source) for one in session.send(NO_STREAM, reply, now_ns)]
                     return False
-                session.readings.pop(target, None)
                 status = session.entities.delete(target)
                 self._reply(session, header.stream, request, target, status, source, now_ns, out)
             case m.WriteData(object=target, data=data, format=form):

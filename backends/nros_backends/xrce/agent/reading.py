@@ -6,6 +6,7 @@ As in eProsima's agent: without delivery control one sample; the rate is a bucke
 
 from __future__ import annotations
 
+from nros_backends.xrce.agent.exchange import DataReader
 from nros_backends.xrce.wire.ids import ObjectId
 from nros_backends.xrce.wire.messages import DeliveryControl, ReadData
 
@@ -17,13 +18,14 @@ UNLIMITED = 0xFFFF
 class Reading:
     """A READ_DATA request in force. Times in nanoseconds of the caller's clock."""
 
-    def __init__(self, request: ReadData, now_ns: int, waiting: bool) -> None:
+    def __init__(self, request: ReadData, reader: DataReader, now_ns: int) -> None:
         control = request.delivery or DeliveryControl(max_samples=1)
+        self.reader = reader
         self.request = request.request
         self.object: ObjectId = request.object
         self.stream = request.stream
         self._left: int | None = control.max_samples
-        if control.max_samples == UNLIMITED or (control.max_samples == 0 and waiting):
+        if control.max_samples == UNLIMITED or (control.max_samples == 0 and reader.peek(now_ns) is not None):
             self._left = None
         self._end_ns = now_ns + control.max_elapsed_s * SECOND if control.max_elapsed_s else None
         self._rate = control.max_octets_per_s

@@ -69,7 +69,7 @@ class Session:
     def judge(self, now_ns: int) -> Verdict:
         """One tick of the liveliness check."""
         limit = DEAD_NS if self.hard_ns is None else self.hard_ns
-        if not self._pings and now_ns - self._heard_ns < limit:
+        if now_ns - self._heard_ns < limit:
             return Verdict.ALIVE
         if self.hard_ns is None:
             return Verdict.SILENT
@@ -119,16 +119,16 @@ class Session:
         reader = self.entities.reader(request.object)
         if reader is None:
             return False
-        self.readings[request.object] = Reading(request, now_ns, reader.peek(now_ns) is not None)
+        self.readings[request.object] = Reading(request, reader, now_ns)
         return True
 
     def deliver(self, now_ns: int) -> list[bytes]:
         """The datagrams of all samples that may be given now."""
         datagrams: list[bytes] = []
         for identifier, reading in list(self.readings.items()):
-            reader = self.entities.reader(identifier)
-            if reader is None or reading.over(now_ns):
-                del self.readings[identifier]
+            reader = reading.reader
+            if reader is not self.entities.reader(identifier) or reading.over(now_ns):
+                del self.readings[identifier]  # also if the reader was replaced by another one of its id
                 continue
             while not reading.over(now_ns) and self._has_room(reading.stream):
                 sample = reader.peek(now_ns)
@@ -144,9 +144,8 @@ class Session:
     def wakeup_ns(self, now_ns: int) -> int | None:
         """When `deliver` has something to do by time alone; None: not before something comes in."""
         times = []
-        for identifier, reading in self.readings.items():
-            reader = self.entities.reader(identifier)
-            sample = reader.peek(now_ns) if reader is not None else None
+        for reading in self.readings.values():
+            sample = reading.reader.peek(now_ns)
             if sample is not None and self._has_room(reading.stream):
                 times.append(reading.ready_ns(len(sample), now_ns))
         return min(times, default=None)

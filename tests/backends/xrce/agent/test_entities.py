@@ -70,6 +70,13 @@ def test_what_is_missing_is_an_unknown_reference_or_an_error_of_dds(peer: Peer) 
     assert peer.status(m.Delete(request=1, object=WRITER_ID)) == Status.UNKNOWN_REFERENCE
 
 
+def test_a_topic_of_another_domain_is_missing(peer: Peer) -> None:
+    elsewhere = ObjectId(2, Kind.PARTICIPANT)
+    assert peer.status(create(elsewhere, ParticipantBody(), domain=1)) == Status.OK
+    assert peer.status(create(PUBLISHER, GroupBody(), parent=elsewhere)) == Status.OK
+    assert peer.status(create(WRITER_ID, WriterBody(SQUARE))) == Status.DDS_ERROR
+
+
 def test_all_three_representations_make_entities_that_meet() -> None:
     net = Net()
     peers = [net.peer(key, key) for key in (1, 2, 3)]

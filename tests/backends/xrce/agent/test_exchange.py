@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import pytest
 
-from nros_backends.xrce.wire.binary import EndpointQos, Qos, TopicBody
+from nros_backends.xrce.agent.exchange import DataWriter, Exchange, TopicKey
+from nros_backends.xrce.agent.qos import Durability, EntityQos, Liveliness, mismatch
+from nros_backends.xrce.wire.binary import EndpointQos, Qos, ReaderBody, TopicBody
 from nros_backends.xrce.wire.ids import NO_STREAM, RELIABLE
-from nros_backends.xrce.wire.messages import Acknack, DeliveryControl, Reset
-from tests.backends.xrce.agent.peer import READER, WRITER, Net, Peer
+from nros_backends.xrce.wire.messages import Acknack, Delete, DeliveryControl, ReadData, Reset
+from tests.backends.xrce.agent.peer import READER, SQUARE, WRITER, Net, Peer, create
 
 BEST_EFFORT = EndpointQos(Qos(0))
 RELIABLE_QOS = EndpointQos(Qos.RELIABLE)
@@ -192,3 +194,56 @@ def test_a_reset_leaves_entities_and_readings() -> None:
     publisher.write(b"b")
     (message,) = subscriber.look()
     assert message.header.sequence == 0
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_reading_ends_with_its_reader_even_if_another_takes_its_id_at_once(replaced: bool) -> None:
+    _, publisher, subscriber = pair()
+    again = create(READER, ReaderBody(SQUARE), replace=replaced)
+    subscriber.send(*([] if replaced else [Delete(request=3, object=READER)]), again)
+    publisher.write(b"x")
+    assert subscriber.samples() == []
+    subscriber.read()
+    assert subscriber.samples() == [b"x"]
+
+
+def test_the_answer_to_a_reading_of_nothing_is_always_reliable() -> None:
+    _, publisher, _ = pair()
+    (reply,) = publisher.send(ReadData(request=1, object=READER, stream=1))
+    assert reply.header.stream == RELIABLE
+
+
+def test_silence_saves_up_no_more_than_the_octets_of_a_second() -> None:
+    net, publisher, subscriber = pair()
+    subscriber.read(DeliveryControl(max_octets_per_s=20))
+    net.advance(5_000)
+    publisher.write(*[b"0123456789"] * 5)
+    assert len(subscriber.samples()) == 2
+
+
+def test_a_volatile_writer_keeps_nothing() -> None:
+    exchange = Exchange()
+    writer = DataWriter(TopicKey(0, "T", "D"), EntityQos(), ())
+    exchange.add_writer(writer)
+    exchange.write(writer, b"x", 0)
+    assert not writer.history
+
+
+@pytest.mark.parametrize(
+    ("offered", "requested", "policy"),
+    [
+        (EntityQos(), EntityQos(), None),
+        (EntityQos(liveliness=Liveliness.MANUAL_BY_TOPIC), EntityQos(), None),
+        (EntityQos(), EntityQos(liveliness=Liveliness.MANUAL_BY_PARTICIPANT), "LIVELINESS"),
+        (EntityQos(lease_ns=2), EntityQos(lease_ns=1), "LIVELINESS"),
+        (EntityQos(lease_ns=1), EntityQos(lease_ns=1), None),
+        (EntityQos(reliable=False), EntityQos(), "RELIABILITY"),
+        (EntityQos(), EntityQos(durability=Durability.TRANSIENT), "DURABILITY"),
+        (EntityQos(deadline_ns=None), EntityQos(deadline_ns=1), "DEADLINE"),
+        (EntityQos(exclusive=True), EntityQos(), "OWNERSHIP"),
+    ],
+)
+def test_the_policy_that_keeps_two_apart_has_a_name(
+    offered: EntityQos, requested: EntityQos, policy: str | None
+) -> None:
+    assert mismatch(offered, requested) == policy

@@ -5,10 +5,22 @@ import tracemalloc
 
 import pytest
 
-from nros_backends.xrce.wire import Header, Message, decode, encode
+from nros_backends.xrce.wire import Header, Message, encode
 from nros_backends.xrce.wire import messages as m
-from nros_backends.xrce.wire.ids import RELIABLE, Kind, ObjectId, Status
-from tests.backends.xrce.agent.peer import PUBLISHER, READER, WRITER, Net, Peer
+from nros_backends.xrce.wire.binary import GroupBody, ParticipantBody, ReaderBody, WriterBody
+from nros_backends.xrce.wire.ids import CLIENT, RELIABLE, Kind, ObjectId, Status
+from tests.backends.xrce.agent.peer import (
+    PARTICIPANT,
+    PUBLISHER,
+    READER,
+    SQUARE,
+    SUBSCRIBER,
+    TOPIC,
+    WRITER,
+    Net,
+    Peer,
+    create,
+)
 from tests.backends.xrce.captures import conversations
 
 MUTATIONS = 10_000
@@ -160,14 +172,26 @@ def test_fragments_on_a_best_effort_stream_mean_nothing(peer: Peer) -> None:
 
 
 def test_nothing_is_kept_of_a_client_that_said_goodbye_within_a_burst(peer: Peer) -> None:
-    net = peer.net
-    late = encode(peer.message(m.Delete(request=2, object=PUBLISHER), stream=RELIABLE))
-    goodbye = encode(peer.message(m.Delete(request=2, object=ObjectId(0xFFF, Kind.CLIENT)), stream=RELIABLE))
-    swapped = [
-        encode(Message(Header(0x81, RELIABLE, 1), decode(late).submessages)),
-        encode(Message(Header(0x81, RELIABLE, 0), decode(goodbye).submessages)),
-    ]
-    for datagram in swapped:
-        peer.raw(datagram)
-    assert net.agent.clients == ()
-    assert net.agent.entities() == ()
+    other = peer.net.peer(5, 5)
+    other.open()
+    other.base()
+    for target, body in ((SUBSCRIBER, GroupBody()), (READER, ReaderBody(SQUARE))):
+        assert other.status(create(target, body)) == Status.OK
+    writers = [
+        create(PARTICIPANT, ParticipantBody()), create(SQUARE, TOPIC), create(PUBLISHER, GroupBody()),
+        create(WRITER, WriterBody(SQUARE)),
+    ]  # fmt: skip
+    late = Message(Header(0x81, RELIABLE, 1), tuple(writers))
+    goodbye = Message(Header(0x81, RELIABLE, 0), (m.Delete(request=2, object=CLIENT),))
+    for message in (late, goodbye):
+        peer.raw(encode(message))
+    assert peer.net.agent.clients == (5,)
+    assert [one.matched for one in peer.net.agent.entities()] == [0, 0, 0, 0]
+
+
+def test_after_a_body_that_is_malformed_the_rest_of_its_message_is_dropped(peer: Peer) -> None:
+    broken = m.Create(
+        request=1, object=ObjectId(2, Kind.PUBLISHER), kind=Kind.PUBLISHER, representation=m.Binary(b"\2"),
+        parent=PARTICIPANT,
+    )  # fmt: skip
+    assert statuses(peer.send(broken, m.Delete(request=2, object=WRITER))) == [Status.INVALID_DATA]

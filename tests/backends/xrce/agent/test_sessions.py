@@ -198,3 +198,30 @@ def test_one_client_more_than_the_limit_is_refused(monkeypatch: pytest.MonkeyPat
     net = Net()
     assert [net.peer(key, key).open() for key in (1, 2, 3)] == [0, 0, Status.RESOURCES]
     assert net.peer(1, 1).open() == Status.OK
+
+
+def test_a_client_that_opens_again_elsewhere_is_no_longer_known_where_it_was() -> None:
+    net = Net()
+    before, after = net.peer(7, 1), net.peer(7, 2)
+    before.open()
+    before.base()
+    after.open()
+    assert (before.ping(), after.ping()) == (0, 1)
+    assert len(net.agent.entities()) == 2
+
+
+def test_ticks_keep_their_phase_whatever_else_wakes_the_agent() -> None:
+    net = Net()
+    peer = net.peer()
+    peer.open()
+    peer.writer()
+    peer.reader()
+    peer.read(m.DeliveryControl(min_pace_ms=10))
+    net.advance(350)
+    peer.write(b"1", b"2", b"3")
+    peer.post(create(PARTICIPANT, m.Ref("default_xrce_participant"), reuse=True), stream=RELIABLE)
+    peer.look()
+    net.advance(49)
+    assert {type(one.submessages[0]) for one in peer.look()} == {m.Data}
+    net.advance(1)
+    assert [type(one.submessages[0]) for one in peer.look()] == [m.Heartbeat]

@@ -171,6 +171,16 @@ def test_what_is_larger_than_a_message_goes_in_fragments_of_the_recorded_size() 
     assert got == [body]
 
 
+@pytest.mark.parametrize("size", range(8, 200))
+def test_fragments_of_every_size_join_to_what_was_cut(size: int) -> None:
+    sender, receiver = output(24), ReliableInput(0x80)
+    body = sample(1, size - 8)
+    sender.push(body)
+    packets = sender.take(0)
+    assert max(len(packet.body) for packet in packets) <= 24
+    assert [one for packet in packets for one in receiver.receive(packet.sequence, packet.body)] == [body]
+
+
 def test_a_stream_without_room_for_a_fragment_is_refused() -> None:
     with pytest.raises(ValueError, match="4 octets hold no fragment"):
         output(4)

@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from nros_backends.xrce.client.transport import Transport, open_socket
+from nros_conformance.rmw.clock import MS
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the kernel notes no arrival")
+
+
+@pytest.fixture
+def agent() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        yield sock
+
+
+@pytest.fixture
+def transport(agent: socket.socket) -> Iterator[Transport]:
+    made = Transport(open_socket(agent.getsockname()))
+    agent.connect(made.socket.getsockname())
+    yield made
+    made.close()
+
+
+@linux
+def test_a_datagram_arrived_when_the_kernel_got_it_not_when_it_was_read(
+    agent: socket.socket, transport: Transport
+) -> None:
+    before = time.monotonic_ns()
+    agent.send(b"one")
+    after = time.monotonic_ns()
+    time.sleep(0.05)
+    (arrived,) = transport.receive(10)
+    assert arrived.data == b"one"
+    assert before - MS <= arrived.at_ns <= after + MS
+    assert transport.known_ns > arrived.at_ns
+
+
+@linux
+def test_where_the_wall_clock_was_stepped_the_time_of_reading_stands_in(
+    agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agent.send(b"one")
+    real = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: real() + 3_600_000 * MS)
+    before = time.monotonic_ns()
+    (arrived,) = transport.receive(10)
+    assert before <= arrived.at_ns <= time.monotonic_ns()
+
+
+def test_arrivals_never_lie_before_the_last_look_and_keep_their_order(
+    agent: socket.socket, transport: Transport
+) -> None:
+    transport.receive(10)
+    looked = transport.known_ns
+    for number in range(3):
+        agent.send(bytes([number]))
+    arrived = transport.receive(2) + transport.receive(2)
+    assert [one.data for one in arrived] == [b"\0", b"\1", b"\2"]
+    assert looked <= arrived[0].at_ns <= arrived[1].at_ns <= arrived[2].at_ns
+
+
+def test_a_closed_port_is_silence(agent: socket.socket, transport: Transport) -> None:
+    agent.close()
+    for _ in range(3):
+        transport.send(b"anybody?")
+        assert transport.receive(10) == []
+
+
+def test_waiting_ends_with_a_datagram_or_with_the_time(agent: socket.socket, transport: Transport) -> None:
+    begin = time.monotonic_ns()
+    assert not transport.wait(20 * MS)
+    assert time.monotonic_ns() - begin >= 20 * MS
+    agent.send(b"one")
+    assert transport.wait(10_000 * MS)
