@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import threading
 import time
@@ -12,8 +13,8 @@ from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.rows import rows_of, with_known
-from nros_conformance.campaign.run import Progress, RowRun
+from nros_conformance.campaign.rows import find_rows, rows_of, with_known
+from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.progress import ProgressLine
@@ -23,7 +24,7 @@ from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
 from nros_conformance.report.junit import junit
 from nros_conformance.report.results import Control, Report, encode_report
-from nros_conformance.rmw.discovery import Found, find_backend, find_backends
+from nros_conformance.rmw.discovery import Found, find_backends
 from nros_conformance.suite.loader import Suites, load_suites
 
 
@@ -46,9 +47,13 @@ def run(options: argparse.Namespace) -> ExitCode:
     if not control.ok:
         return ExitCode.INTERNAL
     rows = [row for found in backends for row in _rows(found, suites, options)]
-    with lease_ports() as ports:
+    real = max(1, sum(not row.virtual for row in rows))
+    with contextlib.ExitStack() as stack:
         runs = [
-            RowRun(row, suites, selection, options.results, ports=ports, control=control, watch=lambda progress: None)
+            RowRun(
+                row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
+                watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+            )
             for row in rows
         ]  # fmt: skip
         for one in runs:
@@ -94,7 +99,7 @@ def judge_codes(report: Report, levels: Mapping[str, str], max_unclear: int) -> 
 
 def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     """The backends to play. A missing one is said with the command that installs it."""
-    found = [find_backend(name) for name in names] if names else list(find_backends().values())
+    found = [find_rows(name) for name in names] if names else list(find_backends().values())
     usable, codes = [], []
     for one in found:
         if one.error is not None:
@@ -119,8 +124,7 @@ def _rows(found: Found, suites: Suites, options: argparse.Namespace) -> list[Row
     assert declaration is not None
     if options.known is not None:
         declaration = with_known(declaration, options.known, suites)
-    asked = found.adapter if found.adapter in options.backend else ""
-    return rows_of(found, declaration, asked)
+    return rows_of(found, declaration, found.adapter if found.adapter in options.backend else "")
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:

@@ -29,8 +29,6 @@ class Played(Protocol):
     @property
     def row(self) -> str: ...
     @property
-    def backend(self) -> str: ...
-    @property
     def asked(self) -> str: ...
 
 
@@ -60,7 +58,7 @@ def explain_scenario(
 
 def again(report: Played, result: ScenarioResult) -> str:
     """The one command that plays just that."""
-    return f"nros-conformance run --backend {report.asked or report.backend} --scenario {_quoted(result.key)}"
+    return f"nros-conformance run --backend {report.asked or report.row} --scenario {_quoted(result.key)}"
 
 
 def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
