@@ -149,9 +149,13 @@ def _finding(finding: Finding) -> list[str]:
     lines = [f"  {word:<9}  {finding.name}   {', '.join(finding.proves)}".rstrip()]
     lines += _wrapped(finding.wanted, "  wanted     ")
     lines += _wrapped(finding.got, "  got        ")
+    missed = []
     if finding.nearest_ns:
-        side = "too late" if finding.nearest_ns > 0 else "too early"
-        lines.append(f"  nearest    {abs(finding.nearest_ns) / 1e6:.1f} ms {side}")
+        missed.append(f"{abs(finding.nearest_ns) / 1e6:.1f} ms too {'late' if finding.nearest_ns > 0 else 'early'}")
+    if finding.surplus:
+        missed.append(f"{abs(finding.surplus)} too {'many' if finding.surplus > 0 else 'few'}")
+    if missed:
+        lines.append(f"  nearest    {', '.join(missed)}")
     return lines
 
 
