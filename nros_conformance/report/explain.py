@@ -99,7 +99,7 @@ def _step(step: Any, indent: str = "") -> Iterable[str]:
     head = f"{step['do']} " if "do" in step else ""
     rest = ", ".join(f"{key} {_value(value)}" for key, value in step.items() if key not in ("do", "as"))
     label = f"   ({step['as']})" if "as" in step else ""
-    return [f"{indent}{head}{rest}{label}"]
+    return [f"{indent}{head}{rest}{label}".rstrip()]
 
 
 def _value(value: Any) -> str:
