@@ -111,10 +111,14 @@ def proven(one: Loaded) -> tuple[str, ...]:
 
 
 def _declares(declared: object, wanted: object) -> bool:
+    if isinstance(wanted, list):
+        return any(_declares(declared, one) for one in wanted)
     return wanted in declared if isinstance(declared, list) else declared == wanted
 
 
 def _show(value: object) -> str:
+    if isinstance(value, list):
+        return " or ".join(map(_show, value))
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -20,12 +20,15 @@ RESULTS = Path(".nros-conformance")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code (DESIGN 5: pytest's meanings)."""
-    options = _parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    options = _parser(arguments).parse_args(arguments)
     # Subjects of errors: importing them costs little, and every command may raise them.
     from nros_conformance.formats.places import FormatError
     from nros_conformance.rmw.discovery import BackendNotFound
 
     try:
+        if "run" in options:  # a command that a backend brought
+            return int(options.run(options))
         command = importlib.import_module(f"nros_conformance.cli.{options.module}")
         code: ExitCode = command.run(options)
     except (FormatError, BackendNotFound) as error:
@@ -52,7 +55,7 @@ def _fail(text: str, code: ExitCode) -> int:
     return int(code)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="nros-conformance",
         description="Shows what nano-ros middleware backends really do with status events, ping and reconnection.",
@@ -118,6 +121,11 @@ def _parser() -> argparse.ArgumentParser:
     new = _command(commands, "new-backend", "write the package of a new backend", module="new_backend")
     new.add_argument("name", metavar="NAME", help="lower case, as in: mqtt")
     new.add_argument("--into", type=Path, metavar="DIR", help="default: nros-NAME in this directory")
+
+    if next((word for word in arguments if not word.startswith("-")), None) not in commands.choices:
+        from nros_conformance.cli.extras import add_extras  # so that our own commands do not wait for them
+
+        add_extras(commands)
     return parser
 
 

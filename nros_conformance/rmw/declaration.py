@@ -222,6 +222,8 @@ class Declaration(_Part, frozen=True, kw_only=True):
             flat |= {f"{kind.label}.{name.rstrip('_')}": getattr(section, name) for name in section.__struct_fields__}
         for part in (self.connection, self.behaviour, self.qos):
             flat |= {name: getattr(part, name) for name in part.__struct_fields__}
+        hard = flat.pop("hard_liveliness")
+        flat |= {f"hard_liveliness.{name}": getattr(hard, name) for name in hard.__struct_fields__}
         plain: dict[str, Any] = to_builtins(flat, enc_hook=str)
         return plain
 

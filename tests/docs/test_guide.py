@@ -136,7 +136,7 @@ def test_commands_in_recipes_have_the_options_that_they_use() -> None:
     commands = re.findall(r"nros-conformance ((?:run|matrix|doctor) .*)", text)
     assert len(commands) >= 4
     for line in commands:
-        _parser().parse_args(shlex.split(line))
+        _parser(shlex.split(line)).parse_args(shlex.split(line))
 
 
 def test_the_example_of_a_trace_passes_and_an_early_event_in_it_would_not(tmp_path: Path) -> None:
