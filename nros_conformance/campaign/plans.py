@@ -15,6 +15,9 @@ from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.suite.loader import Loaded, Suites
 from nros_conformance.trace.records import Header
 
+ATTEMPTS = 3
+"""An inconclusive scenario is played again with T doubled, then doubled again; a fail is final."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Row:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import msgspec
@@ -12,8 +13,18 @@ from nros_conformance.formats.toml import read_toml
 from nros_conformance.rmw.backend import Host
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.declaration import Declaration, KnownFile, check_links
-from nros_conformance.rmw.discovery import Found
+from nros_conformance.rmw.discovery import Found, find_backend, find_backends
 from nros_conformance.suite.loader import Suites
+
+
+def find_rows(name: str) -> Found:
+    """A backend, or one of its rows: ``zenoh``, ``zenoh-peer``, ``module:Class``. Raises `BackendNotFound`."""
+    for found in find_backends().values():
+        variant = name.removeprefix(f"{found.name}-")
+        if found.declaration is not None and variant != name and variant in found.declaration.variants:
+            only = {variant: {**found.declaration.variants[variant], "default": True}}
+            return dataclasses.replace(found, declaration=msgspec.structs.replace(found.declaration, variants=only))
+    return find_backend(name)
 
 
 def rows_of(found: Found, declaration: Declaration, asked: str = "") -> list[Row]:

@@ -13,7 +13,7 @@ import msgspec
 
 from nros_conformance import __version__
 from nros_conformance.campaign.host import describe_host
-from nros_conformance.campaign.plans import Row, make_plan
+from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide, proven
 from nros_conformance.judge.judge import judge
 from nros_conformance.play.faketime import lacking
@@ -36,9 +36,6 @@ from nros_conformance.rmw.events import EventKind
 from nros_conformance.suite.kinds import claims_needed
 from nros_conformance.suite.loader import Loaded, Suites
 from nros_conformance.trace.files import read_trace
-
-ATTEMPTS = 3
-"""An inconclusive scenario is played again with T doubled, then doubled again; a fail is final."""
 
 AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48

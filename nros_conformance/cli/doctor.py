@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import platform
+import tempfile
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -11,9 +12,12 @@ from pathlib import Path
 from nros_conformance import __version__
 from nros_conformance.campaign.checks import Check, Probes, host_checks
 from nros_conformance.cli.codes import ExitCode
+from nros_conformance.play.leases import lease_ports
 from nros_conformance.report.results import FILE, ReportError, read_report
 from nros_conformance.rmw.backend import Host
 from nros_conformance.rmw.clock import MonotonicClock
+from nros_conformance.rmw.codes import RmwError
+from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.rmw.discovery import Found, find_backend, find_backends
 from nros_conformance.suite.loader import Suites, load_suites
 
@@ -67,10 +71,15 @@ def check_backend(found: Found) -> Check:
         lacking = found.unavailable()
         if lacking is None:
             versions = found.load()(Host(clock=MonotonicClock())).versions()
+            peerless = check_peers(found, found.declaration)
     except Exception as error:  # a backend may fail as it likes; the others are looked at all the same
         return Check(found.name, "broken", costs=f"{found.adapter}: {type(error).__name__}: {error}")
     if lacking is not None:
         return Check(found.name, "missing", costs=f"no row of it: {lacking.reason}", remedy=(lacking.install,))
+    if peerless:
+        return Check(
+            found.name, "missing", costs=f"no row of it: {peerless}", remedy=(found.declaration.subject.install,)
+        )  # fmt: skip
     subject, clock = found.declaration.subject, f"{found.declaration.behaviour.clock} clock"
     if found.declaration.control:
         return Check(found.name, "ready", f"the control of every run, {clock}")
@@ -80,6 +89,25 @@ def check_backend(found: Found) -> Check:
     if pin is not None and version and pin.version != version:
         says += f" ({pin.by} pins {pin.version}: cells speak for {version})"
     return Check(found.name, "ready", says)
+
+
+def check_peers(found: Found, declaration: Declaration) -> str:
+    """Why the agent, router or broker of a default variant does not come up here; empty if all do."""
+    adapter = found.load()
+    variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
+    with lease_ports() as ports, tempfile.TemporaryDirectory() as scratch:
+        for variant in variants or [""]:
+            host = Host(clock=MonotonicClock(), variant=variant, ports=ports, scratch=Path(scratch) / "play.d")
+            backend = adapter(host)
+            try:
+                environment = backend.environment()
+                environment.start()
+                environment.stop()
+            except RmwError as error:
+                return f"{variant}: {error.detail}" if variant else error.detail
+            finally:
+                backend.close()
+    return ""
 
 
 def stored(results: Path, suites: Suites) -> list[str]:

@@ -9,8 +9,10 @@ from fnmatch import fnmatchcase
 from nros_conformance.cli.codes import ExitCode
 from nros_conformance.formats.places import nearest
 from nros_conformance.report.explain import explain_cell, explain_requirement, explain_scenario, explain_word
+from nros_conformance.report.picture import svg
 from nros_conformance.report.results import Report, ReportError, ScenarioResult, read_reports
 from nros_conformance.report.table import assemble
+from nros_conformance.report.timeline import timeline
 from nros_conformance.suite.loader import Suites, load_suites
 from nros_conformance.trace.files import read_trace
 
@@ -29,6 +31,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         row, _, column = word.partition("/")
         reports = read_reports(options.results)
         text = explain_cell(_row(reports, row), column, assemble(reports, suites.levels))
+    if text is not None and options.svg is not None:
+        raise ReportError("a picture is of one scenario: explain [BACKEND] SCENARIO --svg FILE")
     print(text if text is not None else _scenario(options, suites, subject))
     return ExitCode.OK
 
@@ -66,6 +70,11 @@ def _explained(options: argparse.Namespace, suites: Suites, report: Report, resu
     attempt = result.attempts[-1]
     trace = read_trace(options.results / report.row / attempt.trace)
     text = explain_scenario(report, result, attempt, trace, {one.id: one for one in suites.requirements})
+    if options.svg is not None:
+        rows = timeline(trace, attempt.verdict.findings)
+        title = f"{result.key} on {report.row}: {attempt.verdict.verdict}"
+        options.svg.write_text(svg(rows, trace.header.start, title), encoding="utf-8")
+        text += f"\nPicture    {options.svg}"
     others = f"\nOthers     {alike - 1} more with other parameters or on other backends" if alike > 1 else ""
     return text + others
 

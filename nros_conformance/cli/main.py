@@ -116,6 +116,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         "subject", nargs="+", metavar="SUBJECT",
         help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
     )  # fmt: skip
+    explain.add_argument("--svg", type=Path, metavar="FILE", help="also draw the timeline of the scenario")
 
     new = _command(commands, "new-backend", "write the package of a new backend", module="new_backend")
     new.add_argument("name", metavar="NAME", help="lower case, as in: mqtt")

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
 
-import msgspec
-
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.rows import rows_of, with_known
+from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli.codes import ExitCode, strongest
@@ -27,7 +24,7 @@ from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
 from nros_conformance.report.junit import junit
 from nros_conformance.report.results import Control, Report, encode_report
-from nros_conformance.rmw.discovery import Found, find_backend, find_backends
+from nros_conformance.rmw.discovery import Found, find_backends
 from nros_conformance.suite.loader import Suites, load_suites
 
 
@@ -102,7 +99,7 @@ def judge_codes(report: Report, levels: Mapping[str, str], max_unclear: int) -> 
 
 def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     """The backends to play. A missing one is said with the command that installs it."""
-    found = [_named(name) for name in names] if names else list(find_backends().values())
+    found = [find_rows(name) for name in names] if names else list(find_backends().values())
     usable, codes = [], []
     for one in found:
         if one.error is not None:
@@ -122,23 +119,12 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     return usable, codes
 
 
-def _named(name: str) -> Found:
-    """A backend, or one of its rows: ``zenoh``, ``zenoh-peer``."""
-    for found in find_backends().values():
-        variant = name.removeprefix(f"{found.name}-")
-        if found.declaration is not None and variant != name and variant in found.declaration.variants:
-            only = {variant: {**found.declaration.variants[variant], "default": True}}
-            return dataclasses.replace(found, declaration=msgspec.structs.replace(found.declaration, variants=only))
-    return find_backend(name)
-
-
 def _rows(found: Found, suites: Suites, options: argparse.Namespace) -> list[Row]:
     declaration = found.declaration
     assert declaration is not None
     if options.known is not None:
         declaration = with_known(declaration, options.known, suites)
-    asked = found.adapter if found.adapter in options.backend else ""
-    return rows_of(found, declaration, asked)
+    return rows_of(found, declaration, found.adapter if found.adapter in options.backend else "")
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:

@@ -167,11 +167,16 @@ def _conserved(
     got = f"{len(came)} received + {possible} lost, {len(came) + gaps} published"
     judged = Judged("pass", wanted, got, at=t)
     if possible > len(missing):
-        judged = Judged(decide(sure > len(missing) and index.whole, True), wanted, got, at=t)
+        judged = Judged(
+            decide(sure > len(missing) and index.whole, True), wanted, got, at=t, surplus=possible - len(missing)
+        )
     elif sure < gaps:
         driven = index.drives_of(entity).surely(after=place) >= t + index.late
         got += "" if driven else ", and nobody drove it after the last take"
-        judged = Judged(decide(possible < gaps and driven and index.whole, True), wanted, got, at=t, missing=True)
+        judged = Judged(
+            decide(possible < gaps and driven and index.whole, True), wanted, got, at=t,
+            surplus=sure - gaps, missing=True,
+        )  # fmt: skip
     return unless_blind(index, index.session_of(entity), judged)
 
 

@@ -233,7 +233,7 @@ def _total(index: Index, expected: schema.Total, entity: str, at: Interval, leas
         got = _sum(sure) if sure > most else f"total {sure} to {possible}"
         judged = Judged(
             decide(sure > most, True), wanted, f"{got}; {shown(index, culprit)}" if culprit else got,
-            at=culprit.when.hi if culprit else None,
+            at=culprit.when.hi if culprit else None, surplus=(sure if sure > most else possible) - most,
         )  # fmt: skip
     elif sure < least:
         judged = _too_few(index, expected, events, session, least, (sure, possible), at)._replace(wanted=wanted)
@@ -262,7 +262,7 @@ def _too_few(
         got += f"; {shown(index, filling)}, {miss(late, perhaps=not certain)}"
     elif not certain:
         got += f", and session {session} was not driven afterwards"
-    return Judged(decide(certain, True), "", got, late, at.hi, missing=True)
+    return Judged(decide(certain, True), "", got, late, at.hi, surplus=possible - least or sure - least, missing=True)
 
 
 def _reaching(events: Sequence[Seen], number: int) -> Seen | None:

@@ -21,6 +21,7 @@ class Judged(NamedTuple):
     got: str = ""
     nearest_ns: int | None = None
     at: int | None = None
+    surplus: int | None = None
     missing: bool = False
     """It fails because something was not seen; where nothing could be seen it is unclear instead."""
 

@@ -104,7 +104,7 @@ def _finding(name: str, proves: tuple[str, ...], judged: Judged) -> Finding:
     told = judged.outcome in ("fail", "unclear")
     return Finding(
         name=name, proves=proves, outcome=judged.outcome, wanted=judged.wanted, got=judged.got,
-        nearest_ns=judged.nearest_ns if told else None, at=judged.at,
+        nearest_ns=judged.nearest_ns if told else None, surplus=judged.surplus if told else None, at=judged.at,
     )  # fmt: skip
 
 

@@ -24,6 +24,8 @@ class Finding(Struct, frozen=True, kw_only=True, omit_defaults=True):
     got: str = ""
     nearest_ns: int | None = None
     """By how much a failed or unclear one missed: positive is too late, negative too early."""
+    surplus: int | None = None
+    """By how many a failed or unclear one missed: positive is too many, negative too few."""
     at: int | None = None
     """The moment to look at in the timeline."""
 

@@ -163,7 +163,7 @@ class ScenarioItem(pytest.Item):
 
     def _told(self, settled: Settled) -> str:
         """Requirement, script, timeline and judgement, as ``explain`` shows them."""
-        played = _Played(self.row.name, self.row.declaration.name, self.row.asked)
+        played = _Played(self.row.name, self.row.asked)
         attempt = settled.result.attempts[-1]
         trace = read_trace(Path(settled.folder) / attempt.trace)
         text = explain_scenario(played, settled.result, attempt, trace, self.subject.requirements)
@@ -217,7 +217,6 @@ class _Played:
     """What `explain_scenario` wants to know of a row."""
 
     row: str
-    backend: str
     asked: str
 
 

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from nros_conformance.campaign.merge import publish
-from nros_conformance.campaign.rows import rows_of, with_known
+from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.campaign.selection import Selection
 from nros_conformance.formats.places import FormatError
 from nros_conformance.plugin.background import Background, NotPlayed, Share, gather
 from nros_conformance.plugin.items import ScenarioItem, Subject, SubjectFile, select
-from nros_conformance.rmw.discovery import BackendNotFound, Found, find_backend
+from nros_conformance.rmw.discovery import BackendNotFound, Found
 from nros_conformance.suite.loader import Suites, load_suites
 
 NOTHING, UNCLEAR = 5, 8
@@ -79,7 +79,7 @@ class Conformance:
         if known and len(names) != 1:
             raise FormatError(known, None, "a list of known failures is about one backend", "name one")
         self.subjects = [
-            self._subject(find_backend(name), name, chosen, root / known if known else None) for name in names
+            self._subject(find_rows(name), name, chosen, root / known if known else None) for name in names
         ]
 
     def _subject(self, found: Found, name: str, chosen: Any, known: Path | None) -> Subject:

@@ -29,8 +29,6 @@ class Played(Protocol):
     @property
     def row(self) -> str: ...
     @property
-    def backend(self) -> str: ...
-    @property
     def asked(self) -> str: ...
 
 
@@ -60,7 +58,7 @@ def explain_scenario(
 
 def again(report: Played, result: ScenarioResult) -> str:
     """The one command that plays just that."""
-    return f"nros-conformance run --backend {report.asked or report.backend} --scenario {_quoted(result.key)}"
+    return f"nros-conformance run --backend {report.asked or report.row} --scenario {_quoted(result.key)}"
 
 
 def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
@@ -101,7 +99,7 @@ def _step(step: Any, indent: str = "") -> Iterable[str]:
     head = f"{step['do']} " if "do" in step else ""
     rest = ", ".join(f"{key} {_value(value)}" for key, value in step.items() if key not in ("do", "as"))
     label = f"   ({step['as']})" if "as" in step else ""
-    return [f"{indent}{head}{rest}{label}"]
+    return [f"{indent}{head}{rest}{label}".rstrip()]
 
 
 def _value(value: Any) -> str:
@@ -151,9 +149,13 @@ def _finding(finding: Finding) -> list[str]:
     lines = [f"  {word:<9}  {finding.name}   {', '.join(finding.proves)}".rstrip()]
     lines += _wrapped(finding.wanted, "  wanted     ")
     lines += _wrapped(finding.got, "  got        ")
+    missed = []
     if finding.nearest_ns:
-        side = "too late" if finding.nearest_ns > 0 else "too early"
-        lines.append(f"  nearest    {abs(finding.nearest_ns) / 1e6:.1f} ms {side}")
+        missed.append(f"{abs(finding.nearest_ns) / 1e6:.1f} ms too {'late' if finding.nearest_ns > 0 else 'early'}")
+    if finding.surplus:
+        missed.append(f"{abs(finding.surplus)} too {'many' if finding.surplus > 0 else 'few'}")
+    if missed:
+        lines.append(f"  nearest    {', '.join(missed)}")
     return lines
 
 

@@ -60,8 +60,7 @@ def closing(reports: Sequence[Report], levels: Mapping[str, str], results: Path,
     """Everything after the last scenario."""
     available = [report for report in reports if report.available]
     lines = ["", *_counts(available)]
-    if available:
-        # Rows of the control are shown here too: somebody asked for them by name.
+    if any(not report.declaration.control for report in available):  # the control has no cells
         lines += ["", *_cells(available, levels)]
     lines.append("")
     for report in reports:
@@ -114,7 +113,7 @@ def _word(result: ScenarioResult) -> str:
 
 def _cells(reports: Sequence[Report], levels: Mapping[str, str]) -> list[str]:
     shown: Table = assemble(reports, levels)
-    rows = shown.rows or shown.control
+    rows = shown.rows
     lines: list[str] = []
     for number in (1, 2):
         heads = [column for column in shown.columns if column.table == number]

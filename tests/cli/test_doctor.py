@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from nros_backends.uorb import UorbBackend
 from nros_conformance.campaign.checks import (
     Check,
     Probes,
@@ -22,7 +23,9 @@ from nros_conformance.cli.doctor import check_backend, diagnose, stored
 from nros_conformance.cli.main import main
 from nros_conformance.formats.places import FormatError
 from nros_conformance.report.results import Report, write_report
+from nros_conformance.rmw.backend import Environment
 from nros_conformance.rmw.discovery import Found, find_backend
+from nros_conformance.rmw.process import ProcessEnvironment
 from nros_conformance.suite.loader import Suites, load_suites
 from tests.report.build import declare, uorb
 
@@ -106,6 +109,24 @@ def test_a_backend_without_its_middleware() -> None:
         "zenoh", "missing", costs="no row of it: No module named 'zenoh_that_is_not_there'",
         remedy=('pip install "nros-conformance[zenoh]"',),
     )  # fmt: skip
+
+
+class Brokerless(UorbBackend):
+    """Its broker is not installed here."""
+
+    def environment(self) -> Environment:
+        return ProcessEnvironment(("no-such-broker", "{port}"), self.host)
+
+
+def test_a_backend_without_its_broker() -> None:
+    subject = {"kind": "library", "says": "x", "install": "apt install no-such-broker"}
+    found = Found("mqtt", f"{__name__}:Brokerless", declare("mqtt", subject=subject))
+    assert check_backend(found) == Check(
+        "mqtt", "missing", costs="no row of it: there is no program 'no-such-broker' on this machine",
+        remedy=("apt install no-such-broker",),
+    )  # fmt: skip
+    found = replace(found, declaration=declare("mqtt", subject=subject, variants={"router": {}, "own": {}}))
+    assert check_backend(found).costs == "no row of it: router: there is no program 'no-such-broker' on this machine"
 
 
 @pytest.mark.parametrize(
