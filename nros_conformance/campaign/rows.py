@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -27,15 +28,19 @@ def find_rows(name: str) -> Found:
     return find_backend(name)
 
 
-def rows_of(found: Found, declaration: Declaration, asked: str = "") -> list[Row]:
+def rows_of(
+    found: Found, declaration: Declaration, asked: str = "", options: Mapping[str, str] | None = None
+) -> list[Row]:
     """One row for each default variant. ``asked``: the name by which the backend is found again.
 
-    Raises ImportError when its middleware is missing.
+    ``options`` are for the adapter. Raises ImportError when its middleware is missing, `RmwError` when it refuses
+    the options.
     """
-    versions = found.load()(Host(clock=MonotonicClock())).versions()
+    given = dict(options or {})
+    versions = found.load()(Host(clock=MonotonicClock(), options=given)).versions()
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
-        Row(declaration.in_variant(variant), found.adapter, variant, versions, asked=asked)
+        Row(declaration.in_variant(variant), found.adapter, variant, versions, given, asked=asked)
         for variant in variants or [""]
     ]
 

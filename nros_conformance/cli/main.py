@@ -79,6 +79,11 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument(
         "--known", type=Path, metavar="FILE", help="[[known]] entries of your own, added to those of backend.toml"
     )
+    run.add_argument(
+        "--option", action="append", default=[], metavar="NAME=VALUE",
+        help="an option for the adapters; XRCE: agent=HOST:PORT, an agent of yours in the place of its own",
+    )  # fmt: skip
+    run.add_argument("--agent", metavar="HOST:PORT", help="the same as --option agent=HOST:PORT")
     run.add_argument("--junit", type=Path, metavar="FILE", help="also write the verdicts as JUnit XML")
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
 

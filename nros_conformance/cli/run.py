@@ -18,12 +18,14 @@ from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress,
 from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.progress import ProgressLine
+from nros_conformance.formats.places import FormatError
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
 from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
 from nros_conformance.report.junit import junit
 from nros_conformance.report.results import Control, Report, encode_report
+from nros_conformance.rmw.codes import RmwError
 from nros_conformance.rmw.discovery import Found, find_backends
 from nros_conformance.suite.loader import Suites, load_suites
 
@@ -40,13 +42,13 @@ def run(options: argparse.Namespace) -> ExitCode:
     backends, codes = _backends(options.backend)
     if not backends:
         return strongest([*codes, ExitCode.NOTHING])
+    rows = [row for found in backends for row in _rows(found, suites, options)]
     say = _say if not options.json else _silent
     say(terminal.opening(__version__, suites, selection, len(chosen)))
     say(f"host     {check_host()}")
     control = _control(suites, selection, options, say)
     if not control.ok:
         return ExitCode.INTERNAL
-    rows = [row for found in backends for row in _rows(found, suites, options)]
     real = max(1, sum(not row.virtual for row in rows))
     with contextlib.ExitStack() as stack:
         runs = [
@@ -124,7 +126,20 @@ def _rows(found: Found, suites: Suites, options: argparse.Namespace) -> list[Row
     assert declaration is not None
     if options.known is not None:
         declaration = with_known(declaration, options.known, suites)
-    return rows_of(found, declaration, found.adapter if found.adapter in options.backend else "")
+    asked = found.adapter if found.adapter in options.backend else ""
+    try:
+        return rows_of(found, declaration, asked, host_options(options))
+    except RmwError as error:
+        raise FormatError("--option", None, error.detail) from error
+
+
+def host_options(options: argparse.Namespace) -> dict[str, str]:
+    """What ``--option`` and ``--agent`` say. Raises `FormatError`."""
+    given = [*options.option, *([f"agent={options.agent}"] if options.agent is not None else [])]
+    for one in given:
+        if "=" not in one:
+            raise FormatError("--option", None, f"{one!r} is not NAME=VALUE", "write --option agent=127.0.0.1:8888")
+    return dict(one.split("=", 1) for one in given)
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:
