@@ -16,6 +16,7 @@ from nros_conformance.campaign.host import describe_host
 from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide, proven
 from nros_conformance.judge.judge import judge
+from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
 from nros_conformance.report.differences import differences
 from nros_conformance.report.known import covering, in_force
@@ -59,7 +60,7 @@ class RowRun:
 
     def __init__(
         self, row: Row, suites: Suites, selection: Selection, results: Path, *, ports: range, control: Control | None,
-        watch: Callable[[Progress], None],
+        watch: Callable[[Progress], None], launch: Launch = PLAIN,
     ) -> None:  # fmt: skip
         self.row = row
         self.suites = suites
@@ -68,6 +69,7 @@ class RowRun:
         self.folder = results / row.name
         self._ports = ports
         self._control = control
+        self._launch = launch
         self.watch = watch
         self._lock = threading.Lock()
         self._begun = time.monotonic()
@@ -96,7 +98,8 @@ class RowRun:
         for old in traces.glob("*.jsonl"):
             old.unlink()
         self._pool = pool = Pool(
-            self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended, casualty=self._casualties.append
+            self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended,
+            casualty=self._casualties.append, launch=self._launch,
         )  # fmt: skip
         (self.folder / "worker.log").write_bytes(b"")
         waiting = list(self._to_play.values())
@@ -122,7 +125,7 @@ class RowRun:
         plans = [
             make_plan(
                 one, self.row, self.suites, self.folder / "traces",
-                attempt=number, stretch=2 ** (number - 1), ports=self._ports,
+                attempt=number, stretch=2 ** (number - 1), ports=self._ports, patience=self._launch.patience,
             )
             for one in scenarios
         ]  # fmt: skip
@@ -201,6 +204,7 @@ class RowRun:
             incidents=tuple(self._incidents()),
             control=self._control,
             seconds=round(time.monotonic() - self._begun, 1),
+            arguments=self.row.arguments,
             host=describe_host(),
         )
         return msgspec.structs.replace(report, differences=tuple(differences(report, self.suites.levels)))
@@ -210,7 +214,9 @@ class RowRun:
         if left_out:
             return True, f"{left_out} of {len(self.suites.scenarios)} scenarios left out"
         missing = sum(key not in self._results for key in self._to_play)
-        return (True, f"interrupted: {missing} of {self.total} scenarios not played") if missing else (False, "")
+        if missing:
+            return True, f"interrupted: {missing} of {self.total} scenarios not played"
+        return bool(self.row.provisional), self.row.provisional
 
     def _incidents(self) -> list[Incident]:
         return [

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import shlex
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
@@ -14,16 +18,21 @@ from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.run import Progress, RowRun
 from nros_conformance.campaign.selection import Selection
+from nros_conformance.cli import native
 from nros_conformance.cli.codes import ExitCode, strongest
+from nros_conformance.cli.declare import refused
 from nros_conformance.cli.progress import ProgressLine
+from nros_conformance.play.launch import Launch
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
 from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
 from nros_conformance.report.results import Control, Report, encode_report
 from nros_conformance.rmw.backend import Host
+from nros_conformance.rmw.backtraces import find_debugger
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.discovery import Found, find_backend, find_backends
+from nros_conformance.rmw.loading import LibraryError
 from nros_conformance.suite.loader import Suites, load_suites
 
 
@@ -34,7 +43,18 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.profile, tuple(options.suite), tuple(options.scenario), tuple(options.requirement)
     )  # fmt: skip
     chosen = selection.choose(suites)
-    backends, codes = _backends(options.backend)
+    launch = _launch(options)
+    if launch.debug:
+        options.results = Path(tempfile.mkdtemp(prefix="nros-conformance-debug-"))
+    backends, codes = _backends(options.backend) if options.backend or not options.native else ([], [])
+    library = None
+    if options.native:
+        try:
+            library = native.load(options)
+        except LibraryError as error:
+            codes.append(refused(error))
+        else:
+            backends.append(library.found)
     if not backends:
         return strongest([*codes, ExitCode.NOTHING])
     say = _say if not options.json else _silent
@@ -43,10 +63,16 @@ def run(options: argparse.Namespace) -> ExitCode:
     control = _control(suites, selection, options, say)
     if not control.ok:
         return ExitCode.INTERNAL
-    rows = [row for found in backends for row in _rows(found)]
+    for line in library.says if library is not None else ():
+        say(f"{'native':<8} {line}")
+    arguments = native.spelled(options) if options.native else ""
+    rows = [row for found in backends for row in _rows(found, arguments if found.options else "")]
     with lease_ports() as ports:
         runs = [
-            RowRun(row, suites, selection, options.results, ports=ports, control=control, watch=lambda progress: None)
+            RowRun(
+                row, suites, selection, options.results, ports=ports, control=control,
+                watch=lambda progress: None, launch=_for(row, launch),
+            )
             for row in rows
         ]  # fmt: skip
         for one in runs:
@@ -65,6 +91,8 @@ def run(options: argparse.Namespace) -> ExitCode:
     if not any(result.attempts for report in reports for result in report.results):
         codes.append(ExitCode.NOTHING)
     say(terminal.closing(reports, suites.levels, options.results, selection))
+    if launch.wrap and not launch.debug:
+        say("wrapped  " + ", ".join(f"{options.results}/{report.row}/worker.log" for report in reports))
     code = strongest(codes)
     say(f"\nexit {int(code)}{terminal.meaning(int(code), reports)}")
     return code
@@ -109,11 +137,28 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     return usable, codes
 
 
-def _rows(found: Found) -> list[Row]:
+def _rows(found: Found, arguments: str) -> list[Row]:
     assert found.declaration is not None
-    versions = found.load()(Host(clock=MonotonicClock())).versions()
+    versions = found.load()(Host(clock=MonotonicClock(), options=found.options)).versions()
     variants = [name for name, facts in found.declaration.variants.items() if facts.get("default", True)]
-    return [Row(found.declaration, found.adapter, variant, versions) for variant in variants or [""]]
+    return [
+        Row(
+            found.declaration, found.adapter, variant, versions, found.options,
+            provisional=found.provisional, arguments=arguments,
+        )
+        for variant in variants or [""]
+    ]  # fmt: skip
+
+
+def _launch(options: argparse.Namespace) -> Launch:
+    launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug)
+    return dataclasses.replace(launch, debug=launch.debug or launch.interactive)
+
+
+def _for(row: Row, launch: Launch) -> Launch:
+    """Where a compiled backend crashed is worth a second look; whoever wraps it looks for himself."""
+    looks = row.declaration.subject.kind == "compiled" and not launch.wrap and not launch.debug
+    return dataclasses.replace(launch, debugger=find_debugger()) if looks else launch
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:

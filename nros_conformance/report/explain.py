@@ -50,7 +50,7 @@ def explain_scenario(
 def again(report: Report, result: ScenarioResult) -> str:
     """The one command that plays just that."""
     key = f"'{result.key}'" if "[" in result.key else result.key
-    return f"nros-conformance run --backend {report.row} --scenario {key}"
+    return f"nros-conformance run {report.arguments or f'--backend {report.row}'} --scenario {key}"
 
 
 def failure(report: Report, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:

@@ -143,6 +143,8 @@ class Report(_Part, frozen=True, kw_only=True):
     differences: tuple[Difference, ...] = ()
     control: Control | None = None
     seconds: float = 0.0
+    arguments: str = ""
+    """What names the backend on the command line, if not ``--backend ROW``."""
     host: dict[str, Any] = {}
 
 
