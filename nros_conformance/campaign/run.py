@@ -16,6 +16,7 @@ from nros_conformance.campaign.host import describe_host
 from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide, proven
 from nros_conformance.judge.judge import judge
+from nros_conformance.play.faketime import lacking
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
 from nros_conformance.report.differences import differences
@@ -79,8 +80,9 @@ class RowRun:
         self._to_play: dict[str, Loaded] = {}
         self._pool: Pool | None = None
         self.broken = ""
+        missing = lacking()
         for one in selection.choose(suites):
-            decision = decide(one, row.declaration)
+            decision = decide(one, row.declaration, missing)
             if decision.status == "play":
                 self._to_play[one.key] = one
             else:

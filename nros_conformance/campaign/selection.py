@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from types import MappingProxyType
 from typing import Literal
 
 from nros_conformance.formats.places import nearest
@@ -67,8 +68,8 @@ class Decision:
 PLAY = Decision("play")
 
 
-def decide(one: Loaded, declaration: Declaration) -> Decision:
-    """By the declaration alone, before anything runs."""
+def decide(one: Loaded, declaration: Declaration, unavailable: Mapping[str, str] = MappingProxyType({})) -> Decision:
+    """By the declaration, and by what the host lacks (fault -> why it cannot be injected), before anything runs."""
     scenario = one.scenario
     claims = declaration.claims()
     if scenario.refusal is not None and claims[scenario.refusal] != "no":
@@ -93,6 +94,9 @@ def decide(one: Loaded, declaration: Declaration) -> Decision:
     missing = sorted(fault for fault in faults_needed(scenario) if not injectable(fault, declaration.faults))
     if missing:
         return Decision("untested", f"the fault {missing[0]} cannot be injected here")
+    lost = sorted(faults_needed(scenario) & set(unavailable)) if declaration.behaviour.clock == "real" else []
+    if lost:
+        return Decision("untested", f"the fault {lost[0]} cannot be injected on this machine: {unavailable[lost[0]]}")
     return PLAY
 
 

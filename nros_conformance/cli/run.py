@@ -12,6 +12,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import msgspec
+
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
@@ -117,7 +119,7 @@ def judge_codes(report: Report, levels: Mapping[str, str], max_unclear: int) -> 
 
 def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     """The backends to play. A missing one is said with the command that installs it."""
-    found = [find_backend(name) for name in names] if names else list(find_backends().values())
+    found = [_named(name) for name in names] if names else list(find_backends().values())
     usable, codes = [], []
     for one in found:
         if one.error is not None:
@@ -137,13 +139,23 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     return usable, codes
 
 
+def _named(name: str) -> Found:
+    """A backend, or one of its rows: ``zenoh``, ``zenoh-peer``."""
+    for found in find_backends().values():
+        variant = name.removeprefix(f"{found.name}-")
+        if found.declaration is not None and variant != name and variant in found.declaration.variants:
+            only = {variant: {**found.declaration.variants[variant], "default": True}}
+            return dataclasses.replace(found, declaration=msgspec.structs.replace(found.declaration, variants=only))
+    return find_backend(name)
+
+
 def _rows(found: Found, arguments: str) -> list[Row]:
     assert found.declaration is not None
     versions = found.load()(Host(clock=MonotonicClock(), options=found.options)).versions()
     variants = [name for name, facts in found.declaration.variants.items() if facts.get("default", True)]
     return [
         Row(
-            found.declaration, found.adapter, variant, versions, found.options,
+            found.declaration.in_variant(variant), found.adapter, variant, versions, found.options,
             provisional=found.provisional, arguments=arguments,
         )
         for variant in variants or [""]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from nros_conformance.rmw.backend import Session
-from nros_conformance.rmw.clock import MS, NEVER, Clock
+from nros_conformance.rmw.clock import MS, NEVER, Clock, Task
 from nros_conformance.rmw.codes import RmwError
 from nros_conformance.trace.records import Act, AnyRecord, Spin
 
@@ -40,11 +40,16 @@ class Scripted(Exception):
 
 
 class Command:
-    """A call to make at ``due`` on the session's thread. ``record`` False keeps it out of the trace."""
+    """A call to make at ``due`` on the session's thread. ``record`` False keeps it out of the trace.
+
+    ``order`` says what to do where the session lives in another process (`orders.Order.what`), ``then`` is
+    told when it is done.
+    """
 
     def __init__(
         self, clock: Clock, due: int, run: Callable[[], Any], *, op: str, label: str = "", index: int = 0,
-        entity: str = "", args: dict[str, Any] | None = None, record: bool = True,
+        entity: str = "", args: dict[str, Any] | None = None, record: bool = True, order: str = "",
+        then: Callable[[Command], None] | None = None,
     ) -> None:  # fmt: skip
         self.due = due
         self.run = run
@@ -54,6 +59,8 @@ class Command:
         self.entity = entity
         self.args = args if args is not None else {}
         self.record = record
+        self.order = order
+        self.then = then
         self.done = clock.signal()
         self.begin = 0
         self.end = 0
@@ -95,7 +102,15 @@ class Driver:
         self._quiet: Spin | None = None
         self._held: list[AnyRecord] = []
         self._delay_at_spin = 0
-        self.task = clock.spawn(f"session {name}", self._loop)
+        self.task = self._start()
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a session to call."""
+        return self.session is not None
+
+    def _start(self) -> Task:
+        return self.clock.spawn(f"session {self.name}", self._loop)
 
     def post(self, *commands: Command) -> None:
         """Have these calls made at their times; earlier ones first, equal ones in this order."""
@@ -240,6 +255,8 @@ class Driver:
         if raised:
             self._failed("raised", raised)
         command.done.set()
+        if command.then is not None:
+            command.then(command)
 
     def _note(self, begin: int, end: int, wait: int, callbacks: int, code: int, raised: str) -> None:
         quiet, sure = self._quiet, end - wait

@@ -10,16 +10,16 @@ from typing import Any
 from nros_conformance.play import payload
 from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
+from nros_conformance.play.settling import settle
 from nros_conformance.play.stage import Actor, Stage
 from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS
-from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.events import KIND_BY_LABEL, Side
+from nros_conformance.rmw.events import KIND_BY_LABEL
 from nros_conformance.rmw.qos import INFINITE_MS
 from nros_conformance.suite import schema
 from nros_conformance.suite.moments import Moment
 from nros_conformance.suite.walk import base_name, steps
-from nros_conformance.trace.records import Act, Matched, Measure
+from nros_conformance.trace.records import Act, Measure
 
 
 class Script:
@@ -30,13 +30,27 @@ class Script:
         self.clock = stage.clock
         self._start = start_ns
         self._performed: dict[str, list[Command]] = {}
-        self._names = {id(step): step.as_ or f"#{n}" for n, (_, step) in enumerate(steps(stage.scenario), 1)}
+        self._steps = {label: step for label, (_, step) in zip(stage.labels, steps(stage.scenario), strict=True)}
+        self._names = {id(step): label for label, step in self._steps.items()}
         self._injector = Injector(stage, lambda actor, label, args: self._publish(actor, label, None, args))
         self._reacted: Counter[int] = Counter()
         """Callbacks so far, by the number of the reaction."""
         self._made: Counter[str] = Counter()
         """Calls that reactions have made so far, by label."""
         stage.react = self._react
+
+    def step(self, label: str) -> Any:
+        """The step of this label."""
+        return self._steps[label]
+
+    def command(self, step: Any, label: str, index: int, entity: str, due: int) -> Command:
+        """The call of one step on one entity, for a session of this process."""
+        if isinstance(step, schema.Fault):
+            return self._injector.command(step, label, due)[1]
+        for _, name, op, args, run in self._calls(step, label):
+            if name == entity:
+                return Command(self.clock, due, run, op=op, label=label, index=index, entity=entity, args=args)
+        raise StopPlay("error", f"{label} does nothing with {entity}")
 
     def play(self, script: Sequence[Any]) -> None:
         """Play them one after the other. Raises `StopPlay`."""
@@ -52,7 +66,7 @@ class Script:
                     self._parallel(step.parallel)
                     self._mark(label, "parallel", begin)
                 case schema.Settle():
-                    self._mark(label, "settle", begin, self._settle())
+                    self._mark(label, "settle", begin, settle(self.stage))
                 case schema.Measure():
                     self._measure(label, begin, step.what)
                 case schema.Fault():
@@ -110,33 +124,6 @@ class Script:
         if stops:
             raise stops[0]
 
-    def _settle(self) -> int:
-        stage = self.stage
-        code = ReturnCode.OK
-        bound = stage.quantities["discovery_bound"]
-        actors = [actor for actor in stage.actors.values() if actor.handle is not None and not actor.gone]
-        for publisher in (actor for actor in actors if actor.side is Side.PUBLISHER):
-            for subscription in (actor for actor in actors if actor.side is Side.SUBSCRIPTION):
-                if not _meet(publisher, subscription, stage):
-                    continue
-                assert isinstance(publisher.handle, Publisher)
-                assert isinstance(subscription.handle, Subscription)
-                begin = self.clock.now_ns()
-                matched = stage.backend.await_matched(publisher.handle, subscription.handle, begin + bound)
-                if matched is None:
-                    stage.sleep_until(begin + bound)
-                elif not matched:
-                    code = ReturnCode.TIMEOUT
-                how = "bound" if matched is None else "adapter" if matched else "timeout"
-                stage.record(
-                    Matched(
-                        publisher=publisher.name, subscription=subscription.name, begin=begin,
-                        end=self.clock.now_ns(), how=how,
-                    )
-                )  # fmt: skip
-                stage.sleep_until(0)  # only to notice a failure
-        return int(code)
-
     # Calls.
 
     def _do(self, step: Any, label: str, begin: int) -> None:
@@ -148,7 +135,7 @@ class Script:
             due = begin + turn * every
             for driver, entity, op, args, run in self._calls(step, label):
                 command = Command(
-                    self.clock, due, run, op=op, label=label, index=len(posts), entity=entity, args=args
+                    self.clock, due, run, op=op, label=label, index=len(posts), entity=entity, args=args, order="step"
                 )  # fmt: skip
                 posts.append((driver, command))
         if isinstance(step, schema.Call | schema.Spin):
@@ -296,13 +283,6 @@ class Script:
 def _session(driver: Driver) -> Session:
     assert driver.session is not None
     return driver.session
-
-
-def _meet(publisher: Actor, subscription: Actor, stage: Stage) -> bool:
-    sessions = stage.scenario.sessions
-    domains = [sessions[a.driver.name].domain if a.driver.name in sessions else 0 for a in (publisher, subscription)]
-    same = (publisher.topic, publisher.spec.type) == (subscription.topic, subscription.spec.type)
-    return same and domains[0] == domains[1]
 
 
 def _subject(step: Any) -> str:

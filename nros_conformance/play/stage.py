@@ -10,15 +10,18 @@ from pathlib import Path
 from nros_conformance.node.executor import Executor
 from nros_conformance.play import payload
 from nros_conformance.play.driver import Command, Driver, StopPlay
+from nros_conformance.play.orders import Cast
 from nros_conformance.play.plan import Plan
+from nros_conformance.play.processes import SessionProcess
+from nros_conformance.play.remote import RemoteDriver
 from nros_conformance.rmw.backend import Backend, Host, Publisher, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
-from nros_conformance.suite.kinds import registered_kinds
-from nros_conformance.suite.walk import members, session_of, steps
+from nros_conformance.suite.kinds import faults_needed, registered_kinds
+from nros_conformance.suite.walk import members, session_of, step_labels, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
 
 
@@ -45,6 +48,13 @@ class Actor:
         """The topic as the suite writes it."""
         return self.spec.publisher if self.spec.publisher is not None else self.spec.subscription or ""
 
+    @property
+    def exists(self) -> bool:
+        """Whether it has been created and not destroyed since."""
+        if isinstance(self.driver, RemoteDriver):
+            return self.name in self.driver.living
+        return self.handle is not None and not self.gone
+
     def created(self) -> Publisher | Subscription:
         """The handle; StopPlay when the script uses an entity before it creates it."""
         if self.handle is None:
@@ -53,11 +63,16 @@ class Actor:
 
 
 class Stage:
-    """Everything that lives while one scenario is played."""
+    """Everything that lives while one scenario is played.
+
+    In a process of its own (``only`` its session) a part of it; ``run_tag`` and ``locator`` are then those of
+    the whole, and ``failed`` is told when the play cannot go on.
+    """
 
     def __init__(
         self, plan: Plan, scenario: schema.Scenario, adapter: type[Backend], clock: Clock,
-        record: Callable[[AnyRecord], None],
+        record: Callable[[AnyRecord], None], *, only: str = "", run_tag: int | None = None, locator: str = "",
+        failed: Callable[[str, str], None] = lambda outcome, detail: None,
     ) -> None:  # fmt: skip
         self.plan = plan
         self.scenario = scenario
@@ -67,23 +82,34 @@ class Stage:
         self.abort = clock.signal()
         self.stopped: StopPlay | None = None
         # Distinguishes runs that can hear each other; on a virtual clock nobody can, and plays are repeatable.
-        self.run_tag = 1 if clock.virtual else int.from_bytes(os.urandom(6), "little")
+        fresh = 1 if clock.virtual else int.from_bytes(os.urandom(6), "little")
+        self.run_tag = fresh if run_tag is None else run_tag
+        self.start = clock.now_ns()
+        self.locator = locator
+        self._told = failed
+        self._only = only
+        self._apart = set() if clock.virtual or only else sessions_apart(scenario)
         host = Host(
             clock=clock,
             variant=plan.header.variant,
             network=plan.network,
             ports=range(*plan.ports),
             scratch=Path(f"{plan.trace}.d"),
+            faults=faults_needed(scenario),
             options=plan.options,
+            processes=bool(only or self._apart),
         )
         self.backend = adapter(host)
         self.drivers: dict[str, Driver] = {}
         self.actors: dict[str, Actor] = {}
-        self.labels: list[str] = []
+        self.labels = step_labels(scenario)
+        """What payloads refer to by position; the same in every process."""
+        self.names: list[str] = []
+        """All entities, in the same way."""
         self.executors: dict[str, Executor] = {}
         self.react: Callable[[Actor, int, str], None] = lambda actor, kind, registration: None
         """Told of each status callback while it runs: whose, of which kind and registration."""
-        self._closed: set[str] = set()
+        self._closed = {only} - {""}
         self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
         self._cast()
 
@@ -97,8 +123,6 @@ class Stage:
 
     def label_index(self, label: str) -> int:
         """The position of a label in the list that payloads refer to."""
-        if label not in self.labels:
-            self.labels.append(label)
         return self.labels.index(label)
 
     def _cast(self) -> None:
@@ -107,9 +131,29 @@ class Stage:
         for _, spec in expanded:
             names.append(session_of(spec))
         for name in dict.fromkeys(names):
-            self.drivers[name] = Driver(name, self.clock, self.record, self.fail)
+            if self._only in ("", name):
+                self.drivers[name] = self._driver(name)
+        self.names = [name for name, _ in expanded]
         for index, (name, spec) in enumerate(expanded):
-            self.actors[name] = Actor(name, spec, self.drivers[session_of(spec)], index)
+            if session_of(spec) in self.drivers:
+                self.actors[name] = Actor(name, spec, self.drivers[session_of(spec)], index)
+
+    def _driver(self, name: str) -> Driver:
+        if name not in self._apart:
+            return Driver(name, self.clock, self.record, self.fail)
+
+        def cast(first_sequence: int) -> Cast:
+            return Cast(self.plan, name, self.run_tag, self.start, self.locator, first_sequence)
+
+        driven = self.scenario.sessions[name].driven
+        stepped = any(
+            isinstance(step, schema.Fault) and (step.fault, step.of) == ("clock_step", name)
+            for _, step in steps(self.scenario)
+        )
+        wall_clock = self.backend.host.scratch.absolute() / f"{name}.clock" if stepped else None
+        return RemoteDriver(
+            name, self.clock, self.record, self.fail, lambda: SessionProcess(name, wall_clock), cast, driven
+        )  # fmt: skip
 
     # Failing and waiting.
 
@@ -117,6 +161,7 @@ class Stage:
         """End the play from any thread; the first reason counts."""
         if self.stopped is None:
             self.stopped = StopPlay(outcome, detail)
+            self._told(outcome, detail)
         self.abort.set()
 
     def sleep_until(self, when: int) -> None:
@@ -136,6 +181,9 @@ class Stage:
 
     def _hang(self, command: Command) -> StopPlay:
         for driver in self.drivers.values():
+            if isinstance(driver, RemoteDriver) and driver.owes(command):
+                lasted = (self.clock.now_ns() - command.due) / 1e9
+                return StopPlay("hang", f"{command.op} on session {driver.name} has not returned after {lasted:.1f} s")
             if driver.calling is not None:
                 call, begin = driver.calling
                 lasted = (self.clock.now_ns() - begin) / 1e9
@@ -143,11 +191,14 @@ class Stage:
                     return StopPlay("hang", f"{call} on session {driver.name} has not returned after {lasted:.1f} s")
         return StopPlay("hang", f"{command.op} on session {command.entity or '?'} did not get its turn")
 
-    def perform(self, driver: Driver, op: str, run: Callable[[], object], allowance_ns: int = 0) -> Command:
-        """Make one unrecorded call on a session's thread now, and wait for it."""
-        command = Command(self.clock, self.clock.now_ns(), run, op=op, record=False)
+    def perform(self, driver: Driver, op: str, run: Callable[[], object], entity: str = "") -> Command:
+        """Make one unrecorded call on a session's thread now, and wait for it.
+
+        ``op`` (and ``entity``) is what `orders.Order` says to a session in another process.
+        """
+        command = Command(self.clock, self.clock.now_ns(), run, op=op, entity=entity, record=False, order=op)
         driver.post(command)
-        self.finish([command], allowance_ns)
+        self.finish([command])
         return command
 
     # Creating and destroying.
@@ -155,20 +206,28 @@ class Stage:
     def open(self) -> None:
         """Create the sessions, then the entities that are not deferred, in the order of the scenario."""
         for driver in self.drivers.values():
-            self.perform(driver, "create_session", lambda driver=driver: self._connect(driver))  # type: ignore[misc]
+            self.perform(driver, "connect", lambda driver=driver: self.connect(driver))  # type: ignore[misc]
+            self.prepare(driver)
         for actor in self.actors.values():
-            if not actor.spec.deferred and actor.driver.session is not None:
-                self.perform(actor.driver, "create", lambda actor=actor: self.create(actor))  # type: ignore[misc]
+            if not actor.spec.deferred and actor.driver.connected:
+                self.perform(actor.driver, "create", lambda actor=actor: self.create(actor), actor.name)  # type: ignore[misc]
 
-    def _connect(self, driver: Driver) -> None:
+    def prepare(self, driver: Driver) -> None:
+        """Set how a session that has been connected is driven."""
+        spec = self.scenario.sessions.get(driver.name, schema.Session())
+        driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
+        driver.background = driver.connected and spec.driven
+
+    def connect(self, driver: Driver) -> None:
         """Create a session; on its thread."""
         name = driver.name
         spec = self.scenario.sessions.get(name, schema.Session())
+        self._closed.discard(name)
         begin = self.clock.now_ns()
         code, detail = 0, ""
         try:
             driver.session = self.backend.create_session(
-                SessionOptions(node_name=spec.node or name, domain_id=spec.domain)
+                SessionOptions(node_name=spec.node or name, domain_id=spec.domain, locator=self.locator)
             )
             if name in self._spun_sessions:
                 self.executors[name] = Executor(driver.session)
@@ -179,8 +238,7 @@ class Stage:
         driver.keep(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
         if code and not spec.may_fail:
             self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
-        driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
-        driver.background = code == 0 and spec.driven
+        self.prepare(driver)
 
     def create(self, actor: Actor) -> int:
         """Create an entity and register its events; on its session's thread. The return code.
@@ -188,8 +246,7 @@ class Stage:
         If its session has been destroyed, that is created anew before.
         """
         if actor.driver.name in self._closed:
-            self._closed.remove(actor.driver.name)
-            self._connect(actor.driver)
+            self.connect(actor.driver)
         session = actor.driver.session
         if session is None:
             return int(ReturnCode.CONNECTION_FAILED)
@@ -238,11 +295,28 @@ class Stage:
         driver.keep(State(entity=entity, session=driver.name, what="destroyed", code=code, begin=begin, end=end))
         return code
 
+    def refused(self, fault: str, code: int) -> None:
+        """End the play when the adapter did not inject a fault: what follows would prove nothing."""
+        if code == ReturnCode.UNSUPPORTED:
+            self.fail("raised", f"inject({fault}) answered UNSUPPORTED, though backend.toml declares the fault")
+
+    def struck(self, fault: str, driver: Driver) -> None:
+        """A simulated process was hit: it is driven no more, or again."""
+        if fault == "thaw":
+            driver.background = self.scenario.sessions.get(driver.name, schema.Session()).driven
+        elif fault in ("crash", "freeze"):
+            driver.background = False
+        if fault == "crash":
+            driver.session = None
+            self._closed.add(driver.name)
+            for actor in self.actors.values():
+                actor.gone |= actor.driver is driver
+
     def close(self) -> None:
         """Destroy all sessions and end their threads."""
         for name, driver in self.drivers.items():
-            if driver.session is not None:
-                self.perform(driver, "destroy session", lambda name=name: self.destroy(name))  # type: ignore[misc]
+            if driver.connected and not (isinstance(driver, RemoteDriver) and driver.process.frozen):
+                self.perform(driver, "destroy", lambda name=name: self.destroy(name))  # type: ignore[misc]
         for driver in self.drivers.values():
             driver.stop()
             self.clock.wait(driver.task.done, self.clock.now_ns() + self.plan.hang_ns)
@@ -350,7 +424,7 @@ class Stage:
         t = self.clock.now_ns()
         identity = payload.decode(data)
         ours = identity is not None and identity.run == self.run_tag
-        sender = list(self.actors)[identity.publisher] if ours and identity else ""
+        sender = self.names[identity.publisher] if ours and identity else ""
         actor.driver.keep(
             Message(
                 session=actor.driver.name, entity=actor.name, t=t, publisher=sender,
@@ -358,6 +432,11 @@ class Stage:
                 label=self.labels[identity.label] if ours and identity else "", size=len(data), callback=callback,
             )
         )  # fmt: skip
+
+
+def sessions_apart(scenario: schema.Scenario) -> set[str]:
+    """The sessions that live in processes of their own."""
+    return {name for name, spec in scenario.sessions.items() if spec.process == "own"}
 
 
 def qos_profile(spec: schema.Qos, quantities: dict[str, int]) -> QosProfile:

@@ -32,7 +32,8 @@ class Host:
     domain, port or partition of its own; ``ports`` are leased for this run alone. ``scratch`` is a folder
     that this play alone may create and use; what is left in it stays beside the trace.
     ``processes``: some session of this play lives in a process of its own, with an adapter of its own
-    (same ``network``, ``ports``, ``scratch``), so memory does not connect them.
+    (same ``network``, ``ports``, ``scratch``), so memory does not connect them. ``faults``: those that
+    `Backend.inject` may be asked for, so that what they take need not stand in the way of other scenarios.
     """
 
     clock: Clock
@@ -41,6 +42,7 @@ class Host:
     ports: range = range(0)
     scratch: Path = Path()
     processes: bool = False
+    faults: frozenset[str] = frozenset()
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -213,7 +215,15 @@ class Backend(abc.ABC):
           losses are found, of the entity's topic, so that the next sample follows it. Nothing is lost.
         - ``partition`` (``session``): nothing passes between it and the others any more;
           ``block`` (``session``, ``direction``: "out" or "in"): nothing of what it sends, respectively of
-          what others send to it; ``heal`` (``session``), declared with either of the two, ends that.
+          what others send to it; ``delay`` (``session``, ``by_ns``): what it sends arrives so much later;
+          ``stall`` (``session``): what it sends stops in the middle of a frame, and goes on after ``heal``;
+          ``bus_off`` (``session``): its controller is off the bus. ``heal`` (``session``), declared with any
+          of these, ends that.
+        - ``inject`` (``session``, ``count``, ``seed``): so many malformed, truncated, foreign and oversized
+          packets reach the wire end of that session, always the same ones for a seed.
+        - ``crash``, ``freeze``, ``thaw``, ``clock_step`` (``session``, ``by_ns``): only on the virtual clock,
+          where no process can be hit: the session ends without a word, stands still, goes on, or has its
+          wall clock set. On the real clock they are declared too, and the harness does it to the process.
         """
         return ReturnCode.UNSUPPORTED
 

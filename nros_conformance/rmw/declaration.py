@@ -10,7 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from msgspec import Struct, field, to_builtins
+from msgspec import Struct, convert, field, structs, to_builtins
 
 from nros_conformance.formats.durations import Duration
 from nros_conformance.formats.places import Document, Path_, nearest
@@ -168,6 +168,7 @@ class Declaration(_Part, frozen=True, kw_only=True):
     """The reference: it belongs to the control line and has no row."""
     planted: list[Planted] = []
     variants: dict[str, dict[str, Any]] = {}
+    """One row each. ``default = false``: only if asked for; ``connection = {...}`` replaces fields of that section."""
     events: dict[str, Event] = {}
     connection: Connection = Connection()
     bounds: Bounds = Bounds()
@@ -181,6 +182,14 @@ class Declaration(_Part, frozen=True, kw_only=True):
     def event(self, kind: EventKind) -> Event:
         """The section of a kind; the strict one (claim no) when there is none."""
         return self.events.get(kind.label, Event())
+
+    def in_variant(self, name: str) -> Declaration:
+        """What holds for the row of this variant."""
+        replaced = self.variants.get(name, {}).get("connection", {})
+        if not replaced:
+            return self
+        fields = {field: getattr(convert(replaced, Connection, dec_hook=_duration), field) for field in replaced}
+        return structs.replace(self, connection=structs.replace(self.connection, **fields))
 
     def claims(self) -> dict[str, Claim]:
         """The claim for each of the five events."""
@@ -208,6 +217,10 @@ class Declaration(_Part, frozen=True, kw_only=True):
             flat |= {name: getattr(part, name) for name in part.__struct_fields__}
         plain: dict[str, Any] = to_builtins(flat, enc_hook=str)
         return plain
+
+
+def _duration(type_: type[Any], value: Any) -> Any:
+    return Duration.parse(value) if type_ is Duration else value
 
 
 def load_declaration(file: Path, text: str | None = None) -> Declaration:
@@ -241,8 +254,15 @@ def _check(document: Document, declaration: Declaration) -> None:
             raise document.error(here, f"{label}: it is not said how the event is produced", "add how = ...")
         if event.claim == "limited" and not event.limit:
             raise document.error(here, f'{label}: claim = "limited" without a limit', "add limit = { ... }")
-    if declaration.connection.ping == "no":
-        _check_absence(document, ("connection",), 'ping = "no"', declaration.connection)
+    places: dict[str, Path_] = {"": ("connection",)}
+    for variant, facts in declaration.variants.items():
+        if "connection" in facts:
+            document.read(Connection, path=("variants", variant, "connection"))
+            places[variant] = ("variants", variant, "connection")
+    for variant, place in places.items():
+        connection = declaration.in_variant(variant).connection
+        if connection.ping == "no":
+            _check_absence(document, place, 'ping = "no"', connection)
     for index, known in enumerate(declaration.known):
         if not known.link:
             raise document.error(

@@ -287,7 +287,8 @@ class _Check:
             if not isinstance(value, Duration):
                 continue
             sign = self._sign(value)
-            if sign < 0 and not (isinstance(part, schema.Fault) and key == "by"):  # a clock may step back
+            steps_back = isinstance(part, schema.Fault) and part.fault == "clock_step" and key == "by"
+            if sign < 0 and not steps_back:
                 raise self.error((*path, key), f"{key}: the duration {value.text!r} is negative")
             if sign == 0 and isinstance(part, schema.Periodic):
                 raise self.error((*path, key), f"{key}: the period is 0", "events repeat after a positive time")

@@ -9,7 +9,7 @@ from typing import Literal
 from nros_conformance.formats.places import Path_
 from nros_conformance.rmw.events import Side
 from nros_conformance.suite.names import Names
-from nros_conformance.suite.schema import Fault
+from nros_conformance.suite.schema import Fault, Session
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -24,6 +24,8 @@ class Injection:
     directed: bool = False
     lasting: bool = False
     """Whether ``by:`` says how long."""
+    apart: bool = False
+    """Whether it hits the process of the session, so that this needs one of its own."""
 
 
 INJECTIONS = {
@@ -37,9 +39,13 @@ INJECTIONS = {
     "stall": Injection("session", ("stall",)),
     "bus_off": Injection("session", ("bus_off",)),
     "heal": Injection("session", ("partition", "block", "delay", "stall", "bus_off")),
+    "crash": Injection("session", ("crash",), apart=True),
+    "freeze": Injection("session", ("freeze",), apart=True),
+    "thaw": Injection("session", ("freeze",), apart=True),
+    "clock_step": Injection("session", ("clock_step",), lasting=True, apart=True),
     "inject": Injection("session", ("inject",), counted=True),
 }
-"""By the name of the fault. The others need a session in a process of its own, or a peer."""
+"""By the name of the fault."""
 
 
 def injectable(fault: str, declared: Collection[str]) -> bool:
@@ -64,6 +70,9 @@ def check_injection(names: Names, path: Path_, step: Fault) -> None:
     here = (*path, "of")
     if injection.of == "session":
         names.check_session(here, step.of)
+        if injection.apart and names.scenario.sessions.get(step.of, Session()).process != "own":
+            remedy = f"add sessions: {{{step.of}: {{process: own}}}}"
+            raise error(here, f"{step.fault} hits a process, and session {step.of!r} shares one", remedy)
     else:
         names.check_entities(here, [step.of], Side.PUBLISHER if injection.of == "publisher" else None)
     if step.kind is not None:

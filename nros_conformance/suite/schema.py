@@ -132,9 +132,11 @@ class Fault(Step, frozen=True, kw_only=True):
     ``lose``, ``duplicate``, ``reorder``: that publisher publishes ``count`` samples under this step's
     label, and none of them arrives, each arrives twice, the last one arrives first.
     ``partition``: nothing passes between that session and the others; ``block``: nothing ``out`` of it,
-    or ``in``; ``delay``: what it sends arrives ``by`` so much later; ``stall``: what it sends is held back;
-    ``bus_off``: its controller is off the bus; ``heal``: all passes again, in order what was held back.
+    or ``in``; ``delay``: what it sends arrives ``by`` so much later; ``stall``: what it sends stops in the middle
+    of a frame; ``bus_off``: its controller is off the bus; ``heal``: all passes again, in order what was held back.
     ``inject``: ``count`` malformed packets reach that session.
+    ``crash``: SIGKILL to the process of that session, which has one of its own; ``freeze``: SIGSTOP, until
+    ``thaw``; ``clock_step``: its wall clock is set forward by ``by``, or back if that is negative.
     ``preset``: the total (or alive_count) of event ``kind`` on that entity becomes ``count``; without
     ``kind``, the number that the wire or the queue gives to the next sample of its topic.
     """

@@ -18,6 +18,11 @@ def steps(scenario: Scenario) -> Iterator[tuple[Path_, Step]]:
         yield path, step
 
 
+def step_labels(scenario: Scenario) -> list[str]:
+    """The label of each of `steps`: what ``as`` says, else its position, ``#3``."""
+    return [step.as_ or f"#{number}" for number, (_, step) in enumerate(steps(scenario), 1)]
+
+
 def reaction_steps(scenario: Scenario) -> Iterator[tuple[Path_, Reaction, Path_, Step]]:
     """The steps of reactions: path and reaction, path and step."""
     for index, reaction in enumerate(scenario.react):

@@ -330,7 +330,7 @@ DURATIONS = [
     ),
     (TITLE, f"{TITLE}    scale: {{T: 1T}}\n", "6: T: 1T depends on T; give a plain duration such as 130ms"),
     (TITLE, f"{TITLE}    scale: {{T: 0}}\n", "6: T: 0 is not a positive duration"),
-    ("{drive: 2T,", "{fault: freeze, of: sub, for: -1T,", "13: for: the duration '-1T' is negative"),
+    ("{drive: 2T,", "{fault: delay, of: sub, by: -1T,", "13: by: the duration '-1T' is negative"),
     (
         TITLE,
         f"{TITLE}    sessions: {{pub: {{slice: 0}}}}\n",
@@ -352,4 +352,13 @@ def test_durations_that_may_pass(scenarios: Callable[[str], tuple[object, ...]],
 
 
 def test_a_wall_clock_may_step_back(scenarios: Callable[[str], tuple[object, ...]]) -> None:
-    assert scenarios(GOOD.replace("{drive: 2T,", "{fault: clock_step, of: sub, by: -3600s,"))
+    apart = GOOD.replace(TITLE, f"{TITLE}    sessions: {{sub: {{process: own}}}}\n")
+    assert scenarios(apart.replace("{drive: 2T,", "{fault: clock_step, of: sub, by: -3600s,"))
+
+
+@pytest.mark.parametrize("fault", ["crash", "freeze", "thaw", "clock_step, by: 1s"])
+def test_a_fault_of_a_process_needs_one(message: Message, fault: str) -> None:
+    assert message(GOOD.replace("{drive: 2T,", f"{{fault: {fault}, of: sub,")) == (
+        f"suites/sample.yaml:13: {fault.split(',')[0]} hits a process, and session 'sub' shares one; "
+        "add sessions: {sub: {process: own}}"
+    )

@@ -92,7 +92,8 @@ def test_what_a_backend_declares_can_be_asked_for_and_nothing_else() -> None:
     assert injectable("lose", {"lose": "how"})
     assert not injectable("lose", {"duplicate": "how"})
     assert injectable("heal", {"block": "how"})
-    assert not injectable("crash", {"crash": "how"})
+    assert injectable("thaw", {"freeze": "how"})
+    assert not injectable("overflow", {"overflow": "how"})
     assert {fault for fault in INJECTIONS if publishes(Fault(fault=fault))} == {"lose", "duplicate", "reorder"}  # type: ignore[arg-type]
 
 
