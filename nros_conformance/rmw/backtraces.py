@@ -25,7 +25,8 @@ def under_debugger(debugger: str, command: Sequence[str]) -> list[str]:
     quiet = ("set confirm off", "set pagination off", "set print thread-events off", "set width 0")
     passed = "handle SIGPIPE SIGINT SIGUSR1 SIGUSR2 SIGCHLD nostop noprint pass"
     steps = (*quiet, "set startup-with-shell off", "set debuginfod enabled off", passed, "run", "backtrace 24", "kill")
-    return [debugger, "-q", "-nx", "-batch", *(part for step in steps for part in ("-ex", step)), "--args", *command]
+    start = [debugger, "-q", "-nx", "-batch", "-iex", "set auto-load off"]
+    return [*start, *(part for step in steps for part in ("-ex", step)), "--args", *command]
 
 
 def innermost(report: str) -> str:

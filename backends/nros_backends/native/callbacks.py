@@ -11,8 +11,7 @@ import itertools
 import struct
 import threading
 import traceback
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 from nros_backends.native.abi import EventFunction
 from nros_conformance.rmw.events import (
@@ -27,15 +26,23 @@ _STEP = 16
 """Contexts are multiples of it, so that none looks like a small number or like another one's neighbour."""
 
 _PAYLOAD = 8
-_T = TypeVar("_T")
 
 
-class _Calls(threading.local):
-    """What the call in progress on a thread of ours has to raise when it returns."""
+class Calls(threading.local):
+    """Held around every call into the library; raises on leaving what a callback raised meanwhile."""
 
     def __init__(self) -> None:
         self.depth = 0
         self.raised: list[BaseException] = []
+
+    def __enter__(self) -> None:
+        self.depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.depth -= 1
+        if self.raised and not self.depth:
+            error, self.raised = self.raised[0], []
+            raise error
 
 
 class Callbacks:
@@ -45,7 +52,7 @@ class Callbacks:
         self._contexts: dict[int, object] = {}
         self._functions: list[Any] = []
         self._numbers = itertools.count(1)
-        self._calls = _Calls()
+        self.calls = Calls()
 
     def make(self, kind: int, callback: EventCallback, context: object) -> tuple[Any, int]:
         """The function and the context to register.
@@ -61,27 +68,14 @@ class Callbacks:
                 known = self._contexts.get(pointer or 0, f"a context that nobody registered: {pointer or 0:#x}")
                 callback(given, _status(given, kind, payload), known)
             except BaseException as error:
-                if self._calls.depth:
-                    self._calls.raised.append(error)
+                if self.calls.depth:
+                    self.calls.raised.append(error)
                 else:  # on a thread of the backend's: there is no call of ours to raise it from
                     traceback.print_exception(error)
 
         function = EventFunction(called)
         self._functions.append(function)
         return function, user
-
-    def calling(self, call: Callable[[], _T]) -> _T:
-        """Make a call into the library; raises what a callback raised meanwhile."""
-        calls = self._calls
-        calls.depth += 1
-        try:
-            result = call()
-        finally:
-            calls.depth -= 1
-        if calls.raised and not calls.depth:
-            error, calls.raised = calls.raised[0], []
-            raise error
-        return result
 
 
 def _status(kind: int, registered: int, payload: int | None) -> EventStatus:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
-from nros_backends.native.survey import DISCOVERY_NS, Answers
+from nros_backends.native.survey import CRASHED, DISCOVERY_NS, Answers
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode, code_name
 from nros_conformance.rmw.events import EventKind, Side
@@ -59,7 +59,7 @@ def _lines(answers: Answers, file: str) -> Iterator[str]:
     if not answers.same_session:
         yield "same_session_visible = false    # no sample arrived within one session"
     if answers.second_session:
-        yield f'two_sessions = "second_fails"   # {code_name(answers.second_session)}'
+        yield f'two_sessions = "second_fails"   # creating it {_answer(answers.second_session)}'
     refused = [name for name, code in answers.creating.items() if code == ReturnCode.INCOMPATIBLE_QOS]
     if refused:
         yield ""
@@ -79,8 +79,7 @@ def _event(answers: Answers, kind: EventKind) -> Iterator[str]:
         return
     yield 'claim   = "no"'
     yield 'absent  = "not-wired"'
-    why = f"the slot {slot} is NULL" if slot in answers.null_slots else f"{slot} answers {code_name(code)}"
-    yield f"because = {_text(why)}"
+    yield f"because = {_text(_why(answers, slot, code))}"
     if kind.side is Side.PUBLISHER and kind is EventKind.LIVELINESS_LOST:
         yield from _liveliness(answers)
 
@@ -89,20 +88,28 @@ def _liveliness(answers: Answers) -> Iterator[str]:
     by_topic = answers.creating["liveliness.manual_by_topic"]
     by_node = answers.creating["liveliness.manual_by_node"]
     if by_topic != ReturnCode.OK and by_node != ReturnCode.OK:
-        yield f"manual = false                  # {code_name(by_topic)}"
+        yield f"manual = false                  # creating one {_answer(by_topic)}"
     elif by_node != ReturnCode.OK:
-        yield f'manual_by_node = "refused"      # {code_name(by_node)}'
+        yield f'manual_by_node = "refused"      # creating one {_answer(by_node)}'
 
 
 def _ping(answers: Answers) -> Iterator[str]:
     if answers.ping == ReturnCode.OK:
         yield 'ping = "round_trip"'
         return
-    slot = "ping_session"
-    why = f"the slot {slot} is NULL" if slot in answers.null_slots else f"{slot} answers {code_name(answers.ping)}"
     yield 'ping    = "no"'
     yield 'absent  = "not-wired"'
-    yield f"because = {_text(why)}"
+    yield f"because = {_text(_why(answers, 'ping_session', answers.ping))}"
+
+
+def _why(answers: Answers, slot: str, code: int) -> str:
+    if slot in answers.null_slots:
+        return f"the slot {slot} is NULL"
+    return f"{slot} {_answer(code)}"
+
+
+def _answer(code: int) -> str:
+    return "crashes" if code == CRASHED else f"answers {code_name(code)}"
 
 
 def _text(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nros_backends.native.abi import EntityStruct, EventFunction, PublisherOptions, Qos, SubscriptionOptions
 from nros_backends.native.storage import Storage
@@ -60,9 +60,9 @@ class NativeEntity(Entity):
         self._options: ct.Structure = PublisherOptions() if self.side is Side.PUBLISHER else SubscriptionOptions()
         slot = f"create_{self.side.value}"
         type_hash = library.strings.address(TYPE_HASH)
-        with session.storage.lent() as of, self.storage.lent() as out:
-            code = self._call(
-                slot, of, *names, ct.c_char_p(type_hash), session.domain, ct.addressof(self._qos),
+        with session.storage.lent() as of, self.storage.lent() as out, library.callbacks.calls:
+            code = library.slots[slot](
+                of, *names, ct.c_char_p(type_hash), session.domain, ct.addressof(self._qos),
                 ct.addressof(self._options), out,
             )  # fmt: skip
         if code:
@@ -84,20 +84,17 @@ class NativeEntity(Entity):
         function, user = EventFunction(), 0
         if callback is not None:
             function, user = self.library.callbacks.make(kind, callback, context)
-        with self.storage.lent() as handle:
-            return self._call(slot, handle, kind, deadline_ms, function, user)
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            return int(self.library.slots[slot](handle, kind, deadline_ms, function, user))
 
     def destroy(self) -> int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
         self.destroyed = True
         self.session.entities.remove(self)
-        with self.storage.lent() as handle:
-            self.library.callbacks.calling(lambda: self.library.slots[f"destroy_{self.side.value}"](handle))
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            self.library.slots[f"destroy_{self.side.value}"](handle)
         return ReturnCode.OK
-
-    def _call(self, slot: str, *arguments: Any) -> int:
-        return self.library.callbacks.calling(lambda: int(self.library.slots[slot](*arguments)))
 
 
 class NativePublisher(NativeEntity, Publisher):
@@ -108,8 +105,8 @@ class NativePublisher(NativeEntity, Publisher):
     def publish_raw(self, data: bytes) -> int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
-        with self.storage.lent() as handle:
-            return self._call("publish_raw", handle, ct.cast(ct.c_char_p(data), ct.c_void_p), len(data))
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            return int(self.library.slots["publish_raw"](handle, ct.cast(ct.c_char_p(data), ct.c_void_p), len(data)))
 
     def assert_liveliness(self) -> int:
         """A NULL slot answers UNSUPPORTED, whatever the kind, as the runtime does (C16)."""
@@ -117,8 +114,8 @@ class NativePublisher(NativeEntity, Publisher):
             return ReturnCode.INVALID_ARGUMENT
         if self.library.slots["assert_publisher_liveliness"] is None:
             return ReturnCode.UNSUPPORTED
-        with self.storage.lent() as handle:
-            return self._call("assert_publisher_liveliness", handle)
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            return int(self.library.slots["assert_publisher_liveliness"](handle))
 
 
 class NativeSubscription(NativeEntity, Subscription):
@@ -129,8 +126,8 @@ class NativeSubscription(NativeEntity, Subscription):
     def has_data(self) -> bool | int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
-        with self.storage.lent() as handle:
-            code = self._call("has_data", handle)
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            code = int(self.library.slots["has_data"](handle))
         return code if code < 0 else code > 0
 
     def try_recv_raw(self, max_size: int) -> bytes | int:
@@ -138,8 +135,8 @@ class NativeSubscription(NativeEntity, Subscription):
         if self.destroyed or max_size < 0:
             return ReturnCode.INVALID_ARGUMENT
         buffer = ct.create_string_buffer(bytes(max_size) + _CANARY, max_size + len(_CANARY))
-        with self.storage.lent() as handle:
-            code = self._call("try_recv_raw", handle, ct.addressof(buffer), max_size)
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            code = int(self.library.slots["try_recv_raw"](handle, ct.addressof(buffer), max_size))
         if code > max_size or not buffer.raw.endswith(_CANARY):
             raise RuntimeError(f"try_recv_raw wrote beyond its buffer of {max_size} bytes, and answered {code}")
         return code if code < 0 else buffer.raw[:code]

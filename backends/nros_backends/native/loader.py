@@ -26,7 +26,7 @@ def load_library(request: LibraryRequest) -> Loaded:
         domain=request.domain, host_libraries=tuple(str(file.absolute()) for file in request.host_libraries),
         topic_hook=request.topic_hook, storage=request.storage,
     )  # fmt: skip
-    answers = survey(options)
+    answers, crashes = survey(options)
     options = supported(answers, options)
     text = draft(answers, request.file.name)
     if request.declaration is None:
@@ -42,7 +42,7 @@ def load_library(request: LibraryRequest) -> Loaded:
         options=options.texts(),
         provisional="" if request.declaration else DERIVED,
     )
-    return Loaded(found, tuple(_says(request, answers, declaration, "; ".join(checked))), text)
+    return Loaded(found, (*_says(request, answers, declaration, "; ".join(checked)), *crashes), text)
 
 
 def _as_c_is(declaration: Declaration, sessions: int) -> Declaration:

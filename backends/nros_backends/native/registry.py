@@ -31,12 +31,10 @@ class Registry:
             "nros_rmw_cffi_lookup": _LOOKUP(self._lookup),
             "nros_rmw_cffi_registered_names": _NAMES(self._registered_names),
         }
+        # Of this process by number and open for ever: a debugger opens the name too, in a process of its own.
         image = os.memfd_create("nros_registry", os.MFD_CLOEXEC)
-        try:
-            os.write(image, shared_library(tuple(functions)))
-            self._library = ct.CDLL(f"/proc/self/fd/{image}", mode=ct.RTLD_GLOBAL)
-        finally:
-            os.close(image)
+        os.write(image, shared_library(tuple(functions)))
+        self._library = ct.CDLL(f"/proc/{os.getpid()}/fd/{image}", mode=ct.RTLD_GLOBAL)
         table = (ct.c_void_p * len(functions)).in_dll(self._library, TABLE)
         for index, function in enumerate(functions.values()):
             table[index] = ct.cast(function, ct.c_void_p).value

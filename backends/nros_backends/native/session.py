@@ -33,14 +33,9 @@ class NativeSession(Session):
             fresh=library.options.storage == "fresh",
         )  # fmt: skip
         locator = options.locator or library.options.locator
-        with self.storage.lent() as out:
-            code = library.callbacks.calling(
-                lambda: int(
-                    library.slots["create_session"](
-                        locator.encode(), MODES[library.options.mode], domain, node, out
-                    )
-                )
-            )  # fmt: skip
+        create, mode = library.slots["create_session"], MODES[library.options.mode]
+        with self.storage.lent() as out, library.callbacks.calls:
+            code = create(locator.encode(), mode, domain, node, out)
         if code:
             raise refusal("create_session", code)
 
@@ -54,17 +49,21 @@ class NativeSession(Session):
         """The vtable has no cap of callbacks (C08): ``max_callbacks`` changes nothing."""
         if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        return self._call("drive_io", max(min(timeout_ms, _INT32_MAX), -_INT32_MAX))
+        drive = self.library.slots["drive_io"]
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            return int(drive(handle, max(min(timeout_ms, _INT32_MAX), -_INT32_MAX)))
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """One probe a call of the slot, until one is answered."""
         if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if self.library.slots["ping_session"] is None:
+        ping = self.library.slots["ping_session"]
+        if ping is None:
             return ReturnCode.UNSUPPORTED
         code: int = ReturnCode.TIMEOUT
         for _ in range(attempts):
-            code = self._call("ping_session", timeout_ms)
+            with self.storage.lent() as handle, self.library.callbacks.calls:
+                code = int(ping(handle, timeout_ms))
             if code in (ReturnCode.OK, ReturnCode.UNSUPPORTED):
                 break
         return code
@@ -74,10 +73,7 @@ class NativeSession(Session):
             return ReturnCode.INVALID_ARGUMENT
         for entity in reversed(self.entities[:]):
             entity.destroy()
-        code = self._call("destroy_session")
+        with self.storage.lent() as handle, self.library.callbacks.calls:
+            code = int(self.library.slots["destroy_session"](handle))
         self.closed = code != ReturnCode.WOULD_BLOCK
         return code
-
-    def _call(self, slot: str, *arguments: int) -> int:
-        with self.storage.lent() as handle:
-            return self.library.callbacks.calling(lambda: int(self.library.slots[slot](handle, *arguments)))

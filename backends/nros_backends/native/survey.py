@@ -6,10 +6,11 @@ each thing that is tried, so that a crash tells where it was, and at last `Answe
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Collection
+from typing import TypeAlias, TypeVar
 
 import msgspec
 
@@ -40,15 +41,17 @@ POLICIES = {
 
 
 class Job(msgspec.Struct, frozen=True):
-    """The options of the library."""
+    """The options of the library, and the steps that crashed it before and are left out."""
 
     options: dict[str, str]
+    without: tuple[str, ...] = ()
 
 
 class Step(msgspec.Struct, frozen=True, tag="step"):
-    """What is tried next."""
+    """What is tried next. What is not ``needed`` can be left out."""
 
     doing: str
+    needed: bool = True
 
 
 class Refusal(msgspec.Struct, frozen=True, tag="refusal"):
@@ -59,7 +62,10 @@ class Refusal(msgspec.Struct, frozen=True, tag="refusal"):
 
 
 class Answers(msgspec.Struct, frozen=True, tag="answers"):
-    """What it answered. Codes are return codes; ``discovery_ms``: until the first sample came, None if none did."""
+    """What it answered. Codes are return codes, `CRASHED` where it did.
+
+    ``discovery_ms``: until the first sample came, None if none did.
+    """
 
     name: str
     registered_by: str
@@ -74,14 +80,19 @@ class Answers(msgspec.Struct, frozen=True, tag="answers"):
     asserting: int
 
 
+CRASHED = 1
+"""In place of a return code: no backend answers so."""
+
 Line: TypeAlias = Step | Refusal | Answers
+_T = TypeVar("_T")
 
 
 class Survey:
     """Asks, one thing after the other."""
 
-    def __init__(self, options: Options, tell: Callable[[Line], None]) -> None:
+    def __init__(self, options: Options, without: Collection[str], tell: Callable[[Line], None]) -> None:
         self._options = options
+        self._without = without
         self._tell = tell
         self._clock = MonotonicClock()
 
@@ -99,60 +110,69 @@ class Survey:
             self._tell(Refusal(f"{library.file.name}: {error}", broken=True))
 
     def _ask(self, library: Library) -> Answers:
-        session = self._session(library, "create_session", "survey")
+        self._tell(Step("create_session"))
+        session = self._session(library, "survey")
         registering, creating = {}, {}
         for kind in EventKind:
-            registering[kind.label] = self._register(session, kind)
+            ask = functools.partial(self._register, session, kind)
+            registering[kind.label] = self._try(f"registering {kind.label}", CRASHED, ask)
         for policy, qos in POLICIES.items():
-            creating[policy] = self._create(session, qos)
-        self._tell(Step("assert_publisher_liveliness"))
-        publisher = session.create_publisher(TOPIC, TYPE, QosProfile())
-        asserting = publisher.assert_liveliness()
-        publisher.destroy()
-        self._tell(Step("ping_session"))
-        ping = session.ping(1000)
-        same = self._arrival_ms(session, session) is not None
-        second, discovery = int(ReturnCode.OK), None
-        try:
-            other = self._session(library, "create_session for a second session", "survey_too")
-        except RmwError as error:
-            second, discovery = int(error.code), self._arrival_ms(session, session)
-        else:
-            discovery = self._arrival_ms(other, session)
-            self._tell(Step("destroy_session of a second session"))
-            other.destroy()
-        self._tell(Step("destroy_session"))
-        session.destroy()
+            ask = functools.partial(self._create, session, qos)
+            creating[policy] = self._try(f"creating a publisher with {policy}", CRASHED, ask)
+        asserting = self._try("assert_publisher_liveliness", CRASHED, lambda: self._assert(session))
+        ping = self._try("ping_session", CRASHED, lambda: int(session.ping(1000)))
+        nothing: float | None = None
+        same = self._try("passing a sample within a session", nothing, lambda: self._arrival_ms(session, session))
+        second, discovery = self._try(
+            "a second session, and passing a sample between the two", (CRASHED, nothing), lambda: self._second(session)
+        )
+        self._try("destroy_session", CRASHED, lambda: int(session.destroy()))
         return Answers(
             name=library.name, registered_by=library.registered_by, vtable=library.vtable,
             null_slots=library.null_slots, registering=registering, creating=creating, second_session=second,
-            same_session=same, discovery_ms=discovery, ping=int(ping), asserting=int(asserting),
+            same_session=same is not None, discovery_ms=discovery, ping=ping, asserting=asserting,
         )  # fmt: skip
 
-    def _session(self, library: Library, doing: str, node: str) -> NativeSession:
-        self._tell(Step(doing))
+    def _try(self, doing: str, otherwise: _T, do: Callable[[], _T]) -> _T:
+        if doing in self._without:
+            return otherwise
+        self._tell(Step(doing, needed=False))
+        return do()
+
+    def _session(self, library: Library, node: str) -> NativeSession:
         return NativeSession(library, SessionOptions(node_name=node), self._options.domain)
 
     def _register(self, session: NativeSession, kind: EventKind) -> int:
         make = session.create_publisher if kind.side is Side.PUBLISHER else session.create_subscription
-        self._tell(Step(f"create_{kind.side.value}"))
         entity = make(TOPIC, TYPE, QosProfile())
-        self._tell(Step(f"register_{kind.side.value}_event for {kind.label}"))
         code = entity.register_event(int(kind), 1000, lambda *_: None, None)
-        self._tell(Step(f"destroy_{kind.side.value}"))
         entity.destroy()
         return int(code)
 
     def _create(self, session: NativeSession, qos: QosProfile) -> int:
-        self._tell(Step(f"create_publisher with {qos}"))
         try:
             session.create_publisher(TOPIC, TYPE, qos).destroy()
         except RmwError as error:
             return int(error.code)
         return int(ReturnCode.OK)
 
+    def _assert(self, session: NativeSession) -> int:
+        publisher = session.create_publisher(TOPIC, TYPE, QosProfile())
+        code = publisher.assert_liveliness()
+        publisher.destroy()
+        return int(code)
+
+    def _second(self, first: NativeSession) -> tuple[int, float | None]:
+        """What creating a second session answers, and how long discovery takes."""
+        try:
+            other = self._session(first.library, "survey_too")
+        except RmwError as error:
+            return int(error.code), self._arrival_ms(first, first)
+        found = self._arrival_ms(other, first)
+        other.destroy()
+        return int(ReturnCode.OK), found
+
     def _arrival_ms(self, sender: NativeSession, receiver: NativeSession) -> float | None:
-        self._tell(Step("drive_io, publish_raw, has_data and try_recv_raw"))
         publisher = sender.create_publisher(TOPIC, TYPE, QosProfile())
         subscription = receiver.create_subscription(TOPIC, TYPE, QosProfile())
         begin, found = self._clock.now_ns(), None
@@ -173,7 +193,7 @@ def main() -> None:
     job = msgspec.json.decode(sys.stdin.buffer.read(), type=Job)
     encoder = msgspec.json.Encoder()
     pipe = int(sys.argv[1])
-    Survey(Options.read(job.options), lambda line: _write(pipe, encoder.encode(line) + b"\n")).run()
+    Survey(Options.read(job.options), job.without, lambda line: _write(pipe, encoder.encode(line) + b"\n")).run()
 
 
 def _write(pipe: int, data: bytes) -> None:

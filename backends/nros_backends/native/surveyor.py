@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Collection, Sequence
+from pathlib import PurePath
 
 import msgspec
 
@@ -15,33 +17,47 @@ from nros_backends.native.survey import Answers, Job, Line, Refusal, Step
 from nros_conformance.rmw.backtraces import find_debugger, innermost, under_debugger
 from nros_conformance.rmw.loading import LibraryError
 
-LIMIT_S = 60.0
+LIMIT_S = 30.0
 """For all the questions together; they take well under a second, two when samples do not arrive."""
 
 _LINE: msgspec.json.Decoder[Line] = msgspec.json.Decoder(Line)
 
 
-def survey(options: Options, *, limit_s: float = LIMIT_S) -> Answers:
-    """What the library answers. Raises `LibraryError`."""
-    file = os.path.basename(options.library)  # noqa: PTH119 - of a text
-    lines, code, _ = _run(options, [], limit_s)
-    last = lines[-1] if lines else Step("starting")
-    if isinstance(last, Answers):
-        return last
-    if isinstance(last, Refusal):
-        raise LibraryError(last.text, broken=last.broken)
-    if code is None:
-        raise LibraryError(f"{file}: {last.doing} has not returned after {limit_s:g} s", broken=True)
-    how = f"died of {signal.Signals(-code).name}" if code < 0 else f"exited with code {code}"
-    where = ""
-    if debugger := find_debugger():
-        where = innermost(_run(options, [debugger], limit_s)[2])
-    raise LibraryError(f"{file}: {last.doing}: the process {how}" + (f", in {where}" if where else ""), broken=True)
+def survey(options: Options, *, limit_s: float = LIMIT_S) -> tuple[Answers, tuple[str, ...]]:
+    """What the library answers, and which questions it did not survive, in words. Raises `LibraryError`.
+
+    Only loading it and creating a session have to work: all else is for the suites to judge.
+    """
+    file = PurePath(options.library).name
+    crashes: dict[str, str] = {}
+    while True:
+        lines, code, _ = _run(options, crashes, [], limit_s)
+        last = lines[-1] if lines else Step("starting")
+        if isinstance(last, Answers):
+            return last, tuple(f"{doing}: {how}" for doing, how in crashes.items())
+        if isinstance(last, Refusal):
+            raise LibraryError(last.text, broken=last.broken)
+        if code is None:
+            how = f"it has not returned after {limit_s:g} s"
+        else:
+            death = f"died of {signal.Signals(-code).name}" if code < 0 else f"exited with code {code}"
+            where = _where(options, crashes, limit_s)
+            how = f"the process {death}" + (f", in {where}" if where else "")
+        if last.needed:
+            raise LibraryError(f"{file}: {last.doing}: {how}", broken=True)
+        crashes[last.doing] = how
 
 
-def _run(options: Options, debugger: list[str], limit_s: float) -> tuple[list[Line], int | None, str]:
+def _where(options: Options, without: Collection[str], limit_s: float) -> str:
+    debugger = find_debugger()
+    return innermost(_run(options, without, [debugger], limit_s)[2]) if debugger else ""
+
+
+def _run(
+    options: Options, without: Collection[str], debugger: Sequence[str], limit_s: float
+) -> tuple[list[Line], int | None, str]:
     """What it said, its exit code (None when it had to be killed), and what it printed."""
-    job = msgspec.json.encode(Job(options.texts()))
+    job = msgspec.json.encode(Job(options.texts(), tuple(without)))
     reader, writer = os.pipe()
     command = [sys.executable, "-m", "nros_backends.native.survey", str(writer)]
     with os.fdopen(reader, "rb") as told:
