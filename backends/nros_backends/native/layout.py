@@ -78,8 +78,8 @@ def _probe(compiler: str, folders: Sequence[Path], given: str) -> dict[str, dict
             capture_output=True, text=True, check=False, timeout=_LIMIT_S, env={**os.environ, "LC_ALL": "C"},
         )  # fmt: skip
         if built.returncode:
-            absent = _NO_FIELD.search(built.stderr)
             error = next((line for line in built.stderr.splitlines() if "error" in line), built.stderr.strip())
+            absent = _NO_FIELD.search(error)
             why = f"there is no field {absent[1]}" if absent else error.rpartition("error: ")[2]
             raise LibraryError(f"{given}: {why}; this adapter speaks {SPEAKS}")
         ran = subprocess.run(
