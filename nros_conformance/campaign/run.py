@@ -213,12 +213,13 @@ class RowRun:
 
     def _partial(self) -> tuple[bool, str]:
         left_out = len(self.suites.scenarios) - len(self._results) - sum(k not in self._results for k in self._to_play)
-        if left_out:
-            return True, f"{left_out} of {len(self.suites.scenarios)} scenarios left out"
         missing = sum(key not in self._results for key in self._to_play)
-        if missing:
-            return True, f"interrupted: {missing} of {self.total} scenarios not played"
-        return bool(self.row.provisional), self.row.provisional
+        reasons = [
+            f"{left_out} of {len(self.suites.scenarios)} scenarios left out" if left_out else "",
+            f"interrupted: {missing} of {self.total} scenarios not played" if missing and not left_out else "",
+            self.row.provisional,
+        ]
+        return any(reasons), "; ".join(filter(None, reasons))
 
     def _incidents(self) -> list[Incident]:
         return [
