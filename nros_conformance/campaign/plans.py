@@ -30,8 +30,9 @@ class Row:
     """Another clock than the declared one; the control plays the reference on the real one too."""
     provisional: str = ""
     """Why it cannot be published, whatever it shows; empty when it can."""
-    arguments: str = ""
-    """What names this backend on the command line, if not ``--backend NAME``."""
+
+    asked: str = ""
+    """The name by which the command finds the backend, if not its own: ``module:Class``."""
 
     @property
     def name(self) -> str:

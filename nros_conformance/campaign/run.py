@@ -45,6 +45,9 @@ AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
+TOGETHER, AT_LEAST = 36, 6
+"""All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
+
 
 @dataclasses.dataclass(slots=True)
 class Progress:
@@ -61,7 +64,7 @@ class RowRun:
 
     def __init__(
         self, row: Row, suites: Suites, selection: Selection, results: Path, *, ports: range, control: Control | None,
-        watch: Callable[[Progress], None], launch: Launch = PLAIN,
+        watch: Callable[[Progress], None], at_once: int = AT_ONCE, launch: Launch = PLAIN,
     ) -> None:  # fmt: skip
         self.row = row
         self.suites = suites
@@ -69,6 +72,7 @@ class RowRun:
         self.results = results
         self.folder = results / row.name
         self._ports = ports
+        self._at_once = at_once
         self._control = control
         self._launch = launch
         self.watch = watch
@@ -92,6 +96,10 @@ class RowRun:
     def total(self) -> int:
         """Scenarios to play."""
         return len(self._to_play)
+
+    def settled(self, result: ScenarioResult) -> bool:
+        """Whether no further attempt will follow."""
+        return result.verdict != "inconclusive" or self.row.virtual or len(result.attempts) >= ATTEMPTS
 
     def play(self) -> Report:
         """Play all, write ``report.json``; also when interrupted."""
@@ -137,7 +145,7 @@ class RowRun:
         # The longest first, so that nothing long is left over at the end.
         together.sort(key=lambda plan: -plan.expected_ns)
         if together:
-            pool.play(together, max(1, min(AT_ONCE >> (number - 1), self.row.declaration.bounds.sessions // 2)))
+            pool.play(together, max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2)))
         if alone:
             pool.play(alone, 1)
         for plan in plans:
@@ -196,6 +204,7 @@ class RowRun:
             row=self.row.name,
             backend=self.row.declaration.name,
             variant=self.row.variant,
+            asked=self.row.asked,
             available=not self.broken,
             unavailable_reason=self.broken,
             declaration=self.row.declaration,
@@ -206,7 +215,6 @@ class RowRun:
             incidents=tuple(self._incidents()),
             control=self._control,
             seconds=round(time.monotonic() - self._begun, 1),
-            arguments=self.row.arguments,
             host=describe_host(),
         )
         return msgspec.structs.replace(report, differences=tuple(differences(report, self.suites.levels)))

@@ -31,11 +31,13 @@ class Selection:
     scenarios: tuple[str, ...] = ()
     """Ids or keys, with ``*`` as in file names."""
     requirements: tuple[str, ...] = ()
+    keys: frozenset[str] | None = None
+    """Exactly these scenarios, whatever else is said."""
 
     @property
     def narrowed(self) -> bool:
         """Whether anything but the profile limits it."""
-        return bool(self.suites or self.scenarios or self.requirements)
+        return bool(self.suites or self.scenarios or self.requirements) or self.keys is not None
 
     def choose(self, suites: Suites) -> list[Loaded]:
         """The selected scenarios. Raises `SelectionError` for a name that fits nothing."""
@@ -48,6 +50,8 @@ class Selection:
         return [one for one in everything if self._chosen(one)]
 
     def _chosen(self, one: Loaded) -> bool:
+        if self.keys is not None:
+            return one.key in self.keys
         if self.scenarios:  # somebody who names a scenario means it, whatever its profile
             return any(_fits(one, pattern) for pattern in self.scenarios)
         return (
@@ -107,10 +111,14 @@ def proven(one: Loaded) -> tuple[str, ...]:
 
 
 def _declares(declared: object, wanted: object) -> bool:
+    if isinstance(wanted, list):
+        return any(_declares(declared, one) for one in wanted)
     return wanted in declared if isinstance(declared, list) else declared == wanted
 
 
 def _show(value: object) -> str:
+    if isinstance(value, list):
+        return " or ".join(map(_show, value))
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

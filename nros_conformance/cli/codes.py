@@ -34,5 +34,6 @@ def user_errors() -> tuple[type[Exception], ...]:
     from nros_conformance.campaign.selection import SelectionError
     from nros_conformance.play.leases import NoPorts
     from nros_conformance.report.results import ReportError
+    from nros_conformance.scaffold.project import ScaffoldError
 
-    return (SelectionError, NoPorts, ReportError)
+    return (SelectionError, NoPorts, ReportError, ScaffoldError)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import shlex
 import sys
@@ -18,8 +19,9 @@ from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.run import Progress, RowRun
-from nros_conformance.campaign.selection import Selection
+from nros_conformance.campaign.rows import rows_of, with_known
+from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
+from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli import native
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.declare import refused
@@ -29,10 +31,9 @@ from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
 from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
+from nros_conformance.report.junit import junit
 from nros_conformance.report.results import Control, Report, encode_report
-from nros_conformance.rmw.backend import Host
 from nros_conformance.rmw.backtraces import find_debugger
-from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.discovery import Found, find_backend, find_backends
 from nros_conformance.rmw.loading import LibraryError
 from nros_conformance.suite.loader import Suites, load_suites
@@ -45,6 +46,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.profile, tuple(options.suite), tuple(options.scenario), tuple(options.requirement)
     )  # fmt: skip
     chosen = selection.choose(suites)
+    if options.known is not None and len(options.backend) + bool(options.native) != 1:
+        raise SelectionError("a list of known failures is about one backend; name it: --backend NAME --known FILE")
     launch = _launch(options)
     if launch.debug:
         options.results = Path(tempfile.mkdtemp(prefix="nros-conformance-debug-"))
@@ -67,13 +70,14 @@ def run(options: argparse.Namespace) -> ExitCode:
         return ExitCode.INTERNAL
     for line in library.says if library is not None else ():
         say(f"{'native':<8} {line}")
-    arguments = native.spelled(options) if options.native else ""
-    rows = [row for found in backends for row in _rows(found, arguments if found.options else "")]
-    with lease_ports() as ports:
+    rows = [row for found in backends for row in _rows(found, suites, options)]
+    real = max(1, sum(not row.virtual for row in rows))
+    with contextlib.ExitStack() as stack:
         runs = [
             RowRun(
-                row, suites, selection, options.results, ports=ports, control=control,
-                watch=lambda progress: None, launch=_for(row, launch),
+                row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
+                watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+                launch=_for(row, launch),
             )
             for row in rows
         ]  # fmt: skip
@@ -92,6 +96,9 @@ def run(options: argparse.Namespace) -> ExitCode:
         codes += judge_codes(report, suites.levels, options.max_unclear)
     if not any(result.attempts for report in reports for result in report.results):
         codes.append(ExitCode.NOTHING)
+    if options.junit is not None:
+        options.junit.parent.mkdir(parents=True, exist_ok=True)
+        options.junit.write_bytes(junit(reports, {one.id: one for one in suites.requirements}))
     say(terminal.closing(reports, suites.levels, options.results, selection))
     if launch.wrap and not launch.debug:
         say("wrapped  " + ", ".join(f"{options.results}/{report.row}/worker.log" for report in reports))
@@ -149,17 +156,14 @@ def _named(name: str) -> Found:
     return find_backend(name)
 
 
-def _rows(found: Found, arguments: str) -> list[Row]:
-    assert found.declaration is not None
-    versions = found.load()(Host(clock=MonotonicClock(), options=found.options)).versions()
-    variants = [name for name, facts in found.declaration.variants.items() if facts.get("default", True)]
-    return [
-        Row(
-            found.declaration.in_variant(variant), found.adapter, variant, versions, found.options,
-            provisional=found.provisional, arguments=arguments,
-        )
-        for variant in variants or [""]
-    ]  # fmt: skip
+def _rows(found: Found, suites: Suites, options: argparse.Namespace) -> list[Row]:
+    declaration = found.declaration
+    assert declaration is not None
+    if options.known is not None:
+        declaration = with_known(declaration, options.known, suites)
+    if found.options:
+        return rows_of(found, declaration, native.spelled(options))
+    return rows_of(found, declaration, found.adapter if found.adapter in options.backend else "")
 
 
 def _launch(options: argparse.Namespace) -> Launch:

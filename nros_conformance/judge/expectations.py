@@ -37,6 +37,7 @@ JUDGES: dict[type[schema.Base], _Entry] = {
     schema.AnyOf: (lambda one: f"any of {len(one.any_of)} groups", lambda index, one: _any_of(index, one)),
     schema.Admitted: (lambda one: f"admitted {one.admitted}", calls.admitted),
     schema.Measured: (lambda one: f"measured {one.measured} from {one.from_} to {one.to}", calls.measured),
+    schema.Counted: (lambda one: f"counted {one.counted}", calls.counted),
     schema.GapGiven: (lambda one: f"given gap {_names(one.gap)}", givens.gap),
     schema.ReceivedGiven: (lambda one: f"given received {one.received} of {one.of}", data.received),
     schema.ReturnsGiven: (lambda one: f"given returns {one.returns}", givens.returns),

@@ -9,7 +9,7 @@ caller's times must not decrease.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterator
 from typing import NamedTuple, TypeAlias
 
 from nros_conformance.rmw.clock import MS, NEVER
@@ -93,6 +93,8 @@ class _Subscription:
     heard: dict[Id, int] = dataclasses.field(default_factory=dict)
     history: list[Sample] = dataclasses.field(default_factory=list)
     """Samples of before it existed: delivered, never lost (MSL-004)."""
+    counted: dict[Id, bool] = dataclasses.field(default_factory=dict)
+    """The publishers that it has been told of, and whether as alive."""
 
 
 class World:
@@ -101,6 +103,8 @@ class World:
     def __init__(self) -> None:
         self._publishers: dict[Id, _Publisher] = {}
         self._subscriptions: dict[Id, _Subscription] = {}
+        self._apart: dict[Id, bool] = {}
+        """Entities that nothing connects with the others, and whether for good."""
 
     # Actions. Each first lets time pass to ``at_ns``; all occurrences come back, oldest first.
 
@@ -109,7 +113,7 @@ class World:
         found = list(self.advance(at_ns))
         publisher = _Publisher(topic, node, qos, _Periodic(_ns(qos.deadline_ms)), at_ns, _ns(qos.lease_ms))
         self._publishers[id_] = publisher
-        return found + self._tell(publisher, at_ns, 1, 0)
+        return found + self._tell(id_, at_ns)
 
     def create_subscription(self, id_: Id, topic: Topic, qos: QosProfile, at_ns: int) -> list[Occurrence]:
         """A subscription appears and finds the publishers that exist, dead or alive (REG-009)."""
@@ -117,9 +121,8 @@ class World:
         subscription = _Subscription(topic, qos, _Periodic(_ns(qos.deadline_ms)))
         self._subscriptions[id_] = subscription
         for publisher_id, publisher in self._publishers.items():
-            if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
-                change = (1, 0) if publisher.alive else (0, 1)
-                found.append(Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, change))
+            if self.matched(publisher_id, id_):
+                found += self._recount(publisher_id, id_, at_ns)
                 subscription.heard[publisher_id] = publisher.sequence
                 if subscription.qos.durability:
                     subscription.history += publisher.history
@@ -130,23 +133,28 @@ class World:
     def destroy_publisher(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """An orderly goodbye: what it counted as is taken back (LVC-002, LVC-003)."""
         found = list(self.advance(at_ns))
-        publisher = self._publishers.pop(id_)
-        return found + self._tell(publisher, at_ns, *((-1, 0) if publisher.alive else (0, -1)))
+        del self._publishers[id_]
+        self._apart.pop(id_, None)
+        return found + self._tell(id_, at_ns)
 
     def destroy_subscription(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """Nothing is told to anybody."""
         found = list(self.advance(at_ns))
         del self._subscriptions[id_]
+        self._apart.pop(id_, None)
         return found
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
         """A successful publish: restarts the offered deadline, asserts liveliness, is received.
 
         ``lost``: the wire swallows it; the gap shows with the next sample of this publisher (MSL-001).
+        ``deaf``: subscriptions that it does not reach.
         """
         found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
         publisher = self._publishers[id_]
-        found += self._assert(publisher, at_ns)
+        found += self._assert(id_, at_ns)
         publisher.offered.restart(at_ns)
         publisher.sequence = (publisher.sequence + 1) % NUMBERS
         lifespan = _ns(publisher.qos.lifespan_ms)
@@ -155,14 +163,14 @@ class World:
             publisher.history = [*publisher.history, sample][-max(publisher.qos.depth, 1) :]
         if not lost:
             for subscription_id, subscription in self._subscriptions.items():
-                if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
+                if subscription_id not in deaf and self.matched(id_, subscription_id):
                     found += self._deliver(subscription_id, subscription, sample, at_ns)
         return found
 
     def assert_liveliness(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """A manual assertion; MANUAL_BY_NODE covers its siblings of the same node (LVL-006)."""
         found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
-        return found + self._assert(self._publishers[id_], at_ns)
+        return found + self._assert(id_, at_ns)
 
     def take(self, id_: Id, at_ns: int) -> Sample | None:
         """The oldest sample whose lifespan is not over. Expired ones are not lost (MSL-006)."""
@@ -206,6 +214,21 @@ class World:
         else:
             self._subscriptions[id_].requested.period = _ns(period_ms)
 
+    # The wire.
+
+    def part(self, id_: Id, at_ns: int, *, for_good: bool = False) -> list[Occurrence]:
+        """An entity has lost the others: to its subscriptions a publisher is not alive, ``for_good`` it is gone."""
+        found = list(self.advance(at_ns))
+        self._apart[id_] = for_good or self._apart.get(id_, False)
+        return found + self._tell(id_, at_ns)
+
+    def rejoin(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        """The way is free again, unless it had parted for good."""
+        found = list(self.advance(at_ns))
+        if self._apart.get(id_) is False:
+            del self._apart[id_]
+        return found + self._tell(id_, at_ns)
+
     # Time.
 
     @property
@@ -233,34 +256,59 @@ class World:
                 if publisher.expiry == due:
                     publisher.alive = False
                     yield Occurrence(due, id_, EventKind.LIVELINESS_LOST, (1,))
-                    yield from self._tell(publisher, due, -1, 1)
+                    yield from self._tell(id_, due)
 
     def matched(self, publisher: Id, subscription: Id) -> bool:
         """Whether the two know each other."""
+        return publisher not in self._apart and subscription not in self._apart and self._meet(publisher, subscription)
+
+    def _meet(self, publisher: Id, subscription: Id) -> bool:
+        """Whether nothing but the wire can keep them apart."""
         first, second = self._publishers.get(publisher), self._subscriptions.get(subscription)
         return first is not None and second is not None and matches(first.topic, first.qos, second.topic, second.qos)
 
     # Parts of actions.
 
-    def _assert(self, publisher: _Publisher, at_ns: int) -> list[Occurrence]:
+    def _assert(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        publisher = self._publishers[id_]
         kind = publisher.qos.liveliness
-        covered = [publisher]
+        covered = {id_: publisher}
         if kind is Liveliness.MANUAL_BY_NODE:
-            covered = [p for p in self._publishers.values() if p.node == publisher.node and p.qos.liveliness is kind]
+            covered = {
+                one: p for one, p in self._publishers.items() if p.node == publisher.node and p.qos.liveliness is kind
+            }
         found: list[Occurrence] = []
-        for one in covered:
-            one.asserted = at_ns
-            if not one.alive:
-                one.alive = True
-                found += self._tell(one, at_ns, 1, -1)
+        for one, asserted in covered.items():
+            asserted.asserted = at_ns
+            if not asserted.alive:
+                asserted.alive = True
+                found += self._tell(one, at_ns)
         return found
 
-    def _tell(self, publisher: _Publisher, at_ns: int, alive: int, not_alive: int) -> list[Occurrence]:
-        return [
-            Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, (alive, not_alive))
-            for id_, subscription in self._subscriptions.items()
-            if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos)
-        ]
+    def _tell(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        """What changes for the subscriptions of a publisher, or for a subscription itself."""
+        if id_ in self._subscriptions:
+            pairs = [(publisher, id_) for publisher in self._publishers]
+        else:
+            pairs = [(id_, subscription) for subscription in self._subscriptions]
+        return [one for publisher, subscription in pairs for one in self._recount(publisher, subscription, at_ns)]
+
+    def _recount(self, publisher: Id, subscription: Id, at_ns: int) -> list[Occurrence]:
+        """The difference between how a subscription counts a publisher and how it was told."""
+        counted = self._subscriptions[subscription].counted
+        before, now = counted.pop(publisher, None), self._standing(publisher, subscription)
+        if now is None and publisher in self._publishers and before is not None and not self._apart.get(publisher):
+            now = False  # out of reach: known, and not alive
+        if now is not None:
+            counted[publisher] = now
+        if now is before:
+            return []
+        change = ((now is True) - (before is True), (now is False) - (before is False))
+        return [Occurrence(at_ns, subscription, EventKind.LIVELINESS_CHANGED, change)]
+
+    def _standing(self, publisher: Id, subscription: Id) -> bool | None:
+        """Alive or not; None where the one does not reach the other."""
+        return self._publishers[publisher].alive if self.matched(publisher, subscription) else None
 
     def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
         found = []

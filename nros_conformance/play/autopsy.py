@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -18,7 +18,9 @@ LIMIT_S = 30.0
 """Beyond the time of the script. A play that does not crash again within it tells nothing."""
 
 
-def autopsy(debugger: str, worker: Sequence[str], plan: Plan, log: Path, *, virtual: bool) -> str:
+def autopsy(
+    debugger: str, worker: Sequence[str], environment: Mapping[str, str], plan: Plan, log: Path, *, virtual: bool
+) -> str:
     """The innermost native frames; empty when it did not crash again. What the debugger says is added to ``log``."""
     trace = Path(f"{plan.trace}.autopsy")
     ours, theirs = socket.socketpair()
@@ -26,6 +28,7 @@ def autopsy(debugger: str, worker: Sequence[str], plan: Plan, log: Path, *, virt
         process = subprocess.Popen(
             under_debugger(debugger, [*worker, str(theirs.fileno())]),
             pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env=environment,
         )  # fmt: skip
         ours.sendall(encode(Job([msgspec.structs.replace(plan, trace=str(trace))], 1, virtual)))
         try:

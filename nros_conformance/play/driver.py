@@ -93,6 +93,10 @@ class Driver:
         self.thread = 0
         self.calling: tuple[str, int] | None = None
         """The call in progress and its begin, for whoever looks for a hang."""
+        self.turn: Callable[[int], object] | None = None
+        """Called with a time in ms in place of the background ``drive_io``, also without a session."""
+        self.refused_ns = -1
+        """When a ``drive_io`` last answered anything but OK; -1: never."""
         self._failed = failed
         self._mailbox: list[tuple[int, int, Command]] = []
         self._order = 0
@@ -168,8 +172,17 @@ class Driver:
             for record in self._held:
                 self.record(record)
             self._held.clear()
+        if code:
+            self.refused_ns = end
         self._note(begin, end, wait, self.callbacks - before, int(code), raised)
         return None if raised else int(code)
+
+    def look(self, timeout_ms: int) -> int | None:
+        """`drive`, and the takes of ``take: always``."""
+        code = self.drive(timeout_ms)
+        for call in self.after_drive:
+            call()
+        return code
 
     def keep(self, record: AnyRecord) -> None:
         """Write a record down, but not before the drive in progress is over.
@@ -199,7 +212,7 @@ class Driver:
                 self.execute(command)
             elif self._stopped and due == NEVER:
                 break
-            elif self.background and self.session is not None:
+            elif self.background and (self.session is not None or self.turn is not None):
                 self._drive_until(due)
             else:
                 self.clock.wait(self._signal, due)
@@ -210,9 +223,12 @@ class Driver:
         timeout_ms = min(self.slice_ms, max(0, due - begin) // MS)
         self.calling = ("drive_io", begin)
         try:
-            self.drive(timeout_ms)
-            for call in self.after_drive:
-                call()
+            if self.turn is not None:
+                self.turn(timeout_ms)
+            else:
+                self.look(timeout_ms)
+        except StopPlay as stop:
+            self._failed(stop.outcome, stop.detail)
         except Exception as error:
             self.background = False
             self._failed("raised", describe("drive_io", error))

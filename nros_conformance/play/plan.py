@@ -15,6 +15,10 @@ HANG_NS = 5_000 * MS
 the run only this wait."""
 
 
+_PATIENCE = 4
+"""What waits for an answer rarely lasts as long as it may; the watchdog of a play allows four times of all."""
+
+
 class Plan(Struct, frozen=True, kw_only=True):
     """One play: a header to complete, an adapter, a place in the host's network, a file for the trace."""
 
@@ -37,6 +41,13 @@ def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:
         match step:
             case schema.Drive(drive=duration) | schema.Idle(idle=duration):
                 total += duration.ns(quantities)
+            case schema.Until(limit=limit):
+                total += limit.ns(quantities) // _PATIENCE
+            case schema.Repeat(repeat=times, script=script):
+                total += times * expected_ns(script, quantities)
+            case schema.Ping():
+                waits = step.attempts * step.timeout.ns(quantities) // _PATIENCE
+                total += step.times * max(step.every.ns(quantities), waits)
             case schema.Parallel(parallel=branches):
                 total += max((expected_ns(branch, quantities) for branch in branches), default=0)
             case schema.Call() | schema.Spin():

@@ -7,6 +7,7 @@ own, which tells who was to blame.
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import select
 import signal
@@ -107,7 +108,7 @@ class Pool:
             process = subprocess.Popen(
                 self._launch.command([*_WORKER, str(theirs.fileno())]), pass_fds=[theirs.fileno()],
                 stdin=None if watched else subprocess.DEVNULL, stdout=None if watched else log,
-                stderr=None if watched else log,
+                stderr=None if watched else log, env=_environment(),
             )  # fmt: skip
             theirs.close()
             try:
@@ -126,7 +127,9 @@ class Pool:
         detail = watch.killed or _death(process.returncode)
         detail += f", {where}" if where else ""
         if self._launch.debugger and what == "crash" and len(suspects) == 1:
-            native = autopsy(self._launch.debugger, _WORKER, suspects[0], self._log, virtual=self._virtual)
+            native = autopsy(
+                self._launch.debugger, _WORKER, _environment(), suspects[0], self._log, virtual=self._virtual
+            )
             detail += f"; natively in {native}" if native else ""
         self._casualty(Casualty(what, detail, tuple(watch.in_flight)))
         if len(suspects) == 1:
@@ -217,6 +220,11 @@ class _Watch:
             self._process.wait(timeout=2)
         except subprocess.TimeoutExpired:
             self._process.kill()
+
+
+def _environment() -> dict[str, str]:
+    """A worker finds the modules that the harness finds, also where pytest or somebody else has added a path."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(part or str(Path.cwd()) for part in sys.path)}
 
 
 def _receive(connection: socket.socket) -> bytes:

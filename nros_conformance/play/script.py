@@ -12,11 +12,13 @@ from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
 from nros_conformance.play.settling import settle
 from nros_conformance.play.stage import Actor, Stage
-from nros_conformance.rmw.backend import Publisher, Session, Subscription
+from nros_conformance.play.waiting import Waiting
+from nros_conformance.rmw.backend import Listed, Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.events import KIND_BY_LABEL
 from nros_conformance.rmw.qos import INFINITE_MS
 from nros_conformance.suite import schema
+from nros_conformance.suite.injections import about_the_peer
 from nros_conformance.suite.moments import Moment
 from nros_conformance.suite.walk import base_name, steps
 from nros_conformance.trace.records import Act, Measure
@@ -36,7 +38,8 @@ class Script:
         self._reacted: Counter[int] = Counter()
         """Callbacks so far, by the number of the reaction."""
         self._made: Counter[str] = Counter()
-        """Calls that reactions have made so far, by label."""
+        """Calls made so far, by label: those of reactions and of turns of a repeat are numbered on."""
+        self._waiting = Waiting(stage, self._publish)
         stage.react = self._react
 
     def step(self, label: str) -> Any:
@@ -68,7 +71,16 @@ class Script:
                 case schema.Settle():
                     self._mark(label, "settle", begin, settle(self.stage))
                 case schema.Measure():
-                    self._measure(label, begin, step.what)
+                    self._measure(label, begin, step)
+                case schema.Until():
+                    self._mark(label, "until", begin, self._waiting.until(step, label, begin))
+                case schema.Repeat():
+                    for _ in range(step.repeat):
+                        self.play(step.script)
+                    self._mark(label, "repeat", begin)
+                case schema.Fault() if about_the_peer(step):
+                    record = self.stage.peer.inject(step, label)
+                    self._performed[label] = [self._done(step.fault, record.begin, record.end)]
                 case schema.Fault():
                     self._post([self._injector.command(step, label, begin)], label)
                 case _:
@@ -82,17 +94,33 @@ class Script:
 
     def _mark(self, label: str, op: str, begin: int, result: object = None) -> None:
         """Write down a step that is no call, so that anchors can refer to it."""
-        command = Command(self.clock, begin, lambda: None, op=op)
-        command.begin, command.end = begin, self.clock.now_ns()
-        command.done.set()
+        command = self._done(op, begin, self.clock.now_ns())
         self._performed[label] = [command]
-        self.stage.record(Act(label=label, op=op, due=begin, begin=begin, end=command.end, result=result))
+        index = self._made[label]
+        self._made[label] += 1
+        self.stage.record(Act(label=label, index=index, op=op, due=begin, begin=begin, end=command.end, result=result))
 
-    def _measure(self, label: str, begin: int, what: str) -> None:
-        value = time.process_time_ns()
+    def _done(self, op: str, begin: int, end: int) -> Command:
+        command = Command(self.clock, begin, lambda: None, op=op)
+        command.begin, command.end = begin, end
+        command.done.set()
+        return command
+
+    def _measure(self, label: str, begin: int, step: schema.Measure) -> None:
+        value: int | None
+        if step.what == "cpu":
+            value = time.process_time_ns()
+        elif step.of is None:
+            value = self.stage.peer.counted(step.what)
+        else:
+            actors = self.stage.members(step.of)
+            found = [self.stage.peer.listed(Listed(one.side, self.stage.topic_of(one))) for one in actors]
+            known = [one for one in found if one is not None]
+            value = sum(known) if known else None
         self._mark(label, "measure", begin)
         end = self.clock.now_ns()
-        self.stage.record(Measure(label=label, what=what, value=value, begin=begin, end=end))
+        if value is not None:
+            self.stage.record(Measure(label=label, what=step.what, value=value, begin=begin, end=end))
 
     def _idle(self, label: str, begin: int, duration: int) -> None:
         driven = [driver for driver in self.stage.drivers.values() if driver.background]
@@ -134,12 +162,15 @@ class Script:
         for turn in range(times):
             due = begin + turn * every
             for driver, entity, op, args, run in self._calls(step, label):
+                index = self._made[label] + len(posts)
                 command = Command(
-                    self.clock, due, run, op=op, label=label, index=len(posts), entity=entity, args=args, order="step"
+                    self.clock, due, run, op=op, label=label, index=index, entity=entity, args=args, order="step"
                 )  # fmt: skip
                 posts.append((driver, command))
-        if isinstance(step, schema.Call | schema.Spin):
+        self._made[label] += len(posts)
+        if isinstance(step, schema.Call | schema.Spin | schema.Ping):
             allowance = step.timeout.ns(self.stage.quantities)
+            allowance *= len(posts) * step.attempts if isinstance(step, schema.Ping) else 1
         if every and times > 1:
             # The first one shall not wait for a drive in progress, or it would come too close to the second.
             lead = max((driver.slice_ms * MS for driver, _ in posts if driver.background), default=0)
@@ -211,6 +242,14 @@ class Script:
                     return driver.drive(timeout, call=lambda: executor.spin_once(timeout, step.cap))
 
                 return [(driver, "", "spin", {"timeout_ms": timeout, "cap": step.cap}, spin)]
+            case schema.Ping(session=None):
+                timeout = step.timeout.ns(stage.quantities) // MS
+                args = {"timeout_ms": timeout, "attempts": step.attempts}
+                return [(stage.lobby, "", "ping", args, lambda: stage.probe("", timeout, step.attempts))]
+            case schema.Ping(session=str(session)):
+                driver, timeout = stage.drivers[session], step.timeout.ns(stage.quantities) // MS
+                args = {"timeout_ms": timeout, "attempts": step.attempts}
+                return [(driver, "", "ping", args, lambda: int(_session(driver).ping(timeout, step.attempts)))]
             case schema.Destroy(of=name) if name in stage.drivers:
                 return [(stage.drivers[name], "", "destroy", {}, lambda: stage.destroy(name))]
         name = step.entity if isinstance(step, schema.Create) else _subject(step)

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.events import EventCallback
+from nros_conformance.rmw.events import EventCallback, Side
 from nros_conformance.rmw.qos import QosProfile
 
 MessageCallback: TypeAlias = Callable[[object], None]
@@ -147,22 +147,50 @@ class Session(abc.ABC):
         """Close, and release everything of this session in bounded time, also with a dead peer."""
 
 
+class Listed(NamedTuple):
+    """A client's entity as the peer lists it; ``topic`` as it was given to ``create_*``."""
+
+    side: Side
+    topic: str
+
+
 class Environment:
-    """An agent, router or broker that a backend needs beside it. The default needs none."""
+    """An agent, router or broker that a backend needs beside it. The default needs none.
+
+    The harness calls `Backend.environment` once per play and is the only one that starts and stops what it
+    gets; its calls come one at a time, from another thread than those of the sessions.
+    """
 
     def start(self) -> None:
-        """Start it; raises `RmwError` CONNECTION_FAILED with the reason when it does not come up."""
+        """Start it, at the same `endpoint` each time and knowing nothing of before; returns when it answers.
+
+        Raises `RmwError` CONNECTION_FAILED with the reason when it does not come up.
+        """
 
     def stop(self, *, kill: bool = False) -> None:
-        """Stop it, orderly or with SIGKILL."""
+        """Stop it, orderly or with SIGKILL; returns when it is gone. Harmless when it does not run.
+
+        Raises `RmwError` UNSUPPORTED for one that somebody else runs.
+        """
 
     def endpoint(self) -> str:
         """What a client puts into `SessionOptions.locator`; empty when there is nothing."""
         return ""
 
     def log(self) -> str:
-        """What it has printed so far."""
+        """What it has printed so far, in all its lives."""
         return ""
+
+    def entities(self) -> Sequence[Listed] | None:
+        """The publishers and subscriptions of all clients in its graph now; None: it cannot be asked."""
+        return None
+
+    def counts(self) -> Mapping[str, int]:
+        """What it has counted on the wire so far, in all its lives, as far as it can be asked.
+
+        ``checks``: hard liveliness pings that it has sent; ``probes``: pings of clients that reached it.
+        """
+        return {}
 
 
 class Backend(abc.ABC):

@@ -6,6 +6,7 @@ failure that passes are all errors. What is left out has the strict value.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -146,6 +147,12 @@ class Known(_Part, frozen=True, kw_only=True):
     review: date | None = None
 
 
+class KnownFile(_Part, frozen=True, kw_only=True):
+    """A list of known failures beside a declaration, in the same format: ``run --known FILE``."""
+
+    known: list[Known]
+
+
 class Planted(_Part, frozen=True, kw_only=True):
     """A defective variant of the reference that every run must catch."""
 
@@ -215,6 +222,8 @@ class Declaration(_Part, frozen=True, kw_only=True):
             flat |= {f"{kind.label}.{name.rstrip('_')}": getattr(section, name) for name in section.__struct_fields__}
         for part in (self.connection, self.behaviour, self.qos):
             flat |= {name: getattr(part, name) for name in part.__struct_fields__}
+        hard = flat.pop("hard_liveliness")
+        flat |= {f"hard_liveliness.{name}": getattr(hard, name) for name in hard.__struct_fields__}
         plain: dict[str, Any] = to_builtins(flat, enc_hook=str)
         return plain
 
@@ -241,6 +250,15 @@ def _check_absence(document: Document, here: Path_, what: str, section: Event | 
         raise document.error(here, f'{what}, absent = "never" without a link', "add link = ..., where it is shown")
 
 
+def check_links(document: Document, entries: Sequence[Known]) -> None:
+    """Every known deviation says where it is reported. Raises `FormatError`."""
+    for index, known in enumerate(entries):
+        if not known.link:
+            raise document.error(
+                ("known", index), f"known {known.key}: no link", 'add link = ..., or link = "unreported"'
+            )
+
+
 def _check(document: Document, declaration: Declaration) -> None:
     for label, event in declaration.events.items():
         here = ("events", label)
@@ -263,11 +281,7 @@ def _check(document: Document, declaration: Declaration) -> None:
         connection = declaration.in_variant(variant).connection
         if connection.ping == "no":
             _check_absence(document, place, 'ping = "no"', connection)
-    for index, known in enumerate(declaration.known):
-        if not known.link:
-            raise document.error(
-                ("known", index), f"known {known.key}: no link", 'add link = ..., or link = "unreported"'
-            )
+    check_links(document, declaration.known)
     for name in ("min_lease", "min_deadline", "discovery"):
         duration: Duration = getattr(declaration.bounds, name)
         if duration.names:

@@ -13,6 +13,7 @@ from nros_conformance.rmw.events import KIND_BY_LABEL, CountStatus, EventKind, L
 from nros_conformance.suite import schema
 from nros_conformance.suite.anchors import check_anchors
 from nros_conformance.suite.catalogue import Requirements
+from nros_conformance.suite.connection import check_connection
 from nros_conformance.suite.injections import check_injection, publishes
 from nros_conformance.suite.kinds import expected_entities, expected_kinds
 from nros_conformance.suite.names import Names, word
@@ -28,10 +29,10 @@ COUNT_MAX = 1000
 _CALLS = (schema.Call, schema.Spin)
 _ANSWERING = (
     schema.Publish, schema.Assert, schema.Take, schema.HasData, schema.Register, schema.Supports, schema.Create,
-    schema.Destroy, *_CALLS,
+    schema.Destroy, schema.Ping, schema.Until, *_CALLS,
 )  # fmt: skip
 _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]], ...]] = {
-    schema.GapGiven: (("gap", _ANSWERING),),
+    schema.GapGiven: (("gap", (*_ANSWERING, schema.Measure)),),
     schema.Agrees: (("agrees", (schema.Supports,)), ("with", (schema.Register,))),
     schema.Received: (("received", (schema.Publish,)),),
     schema.ReceivedGiven: (("received", (schema.Publish,)),),
@@ -40,6 +41,7 @@ _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]]
     schema.Callbacks: (("callbacks", _CALLS),),
     schema.Takes: (("takes", (*_ANSWERING, schema.Settle)),),
     schema.Measured: (("from", (schema.Measure,)), ("to", (schema.Measure,))),
+    schema.Counted: (("counted", (schema.Measure,)), ("since", (schema.Measure,))),
 }
 """Which fields name labels, and of which steps."""
 
@@ -128,6 +130,7 @@ class _Check:
         self.names.check_subjects(path, step)
         if isinstance(step, schema.Parallel):
             self._groups((*path, "parallel"), "branch", step.parallel)
+        check_connection(self.names, path, step)
         if isinstance(step, schema.Repeated):
             self._not_below((*path, "times"), step.times, 1)
         if isinstance(step, _CALLS):
@@ -139,7 +142,7 @@ class _Check:
             self._create((*path, "entity"), base_name(step.entity))
         if isinstance(step, schema.Fault):
             check_injection(self.names, path, step)
-        if isinstance(step, schema.Measure):
+        if isinstance(step, schema.Measure) and step.what == "cpu":
             self._measure(path)
 
     def _create(self, path: Path_, name: str) -> None:
@@ -192,7 +195,7 @@ class _Check:
                 raise self.error(path, "level needs either by:, or from: and until:")
         if isinstance(expectation, schema.Takes) and expectation.at_most is None and expectation.at_least is None:
             raise self.error(path, "takes without a bound", "add at_most: or at_least:")
-        if isinstance(expectation, (schema.Total, schema.Callbacks)):
+        if isinstance(expectation, (schema.Total, schema.Callbacks, schema.Counted)):
             self._numbers(path, expectation)
 
     def _admitted(self, path: Path_, name: str) -> None:
@@ -232,15 +235,15 @@ class _Check:
             if name not in known:
                 raise self.names.unknown((*path, "status", name), f"field of {inside.event}", name, known)
 
-    def _numbers(self, path: Path_, expectation: schema.Total | schema.Callbacks) -> None:
-        exact = expectation.is_ if isinstance(expectation, schema.Total) else None
+    def _numbers(self, path: Path_, expectation: schema.Total | schema.Callbacks | schema.Counted) -> None:
+        exact = None if isinstance(expectation, schema.Callbacks) else expectation.is_
         least, most = expectation.at_least, expectation.at_most
         if exact is None and least is None and most is None:
-            total = isinstance(expectation, schema.Total)
+            bounds = "at_least: or at_most:"
             raise self.error(
                 path,
-                "total without a number" if total else "callbacks without a number",
-                "add is:, at_least: or at_most:" if total else "add at_least: or at_most:",
+                f"{type(expectation).__name__.lower()} without a number",
+                f"add {bounds}" if isinstance(expectation, schema.Callbacks) else f"add is:, {bounds}",
             )
         if exact is not None and (least is not None or most is not None):
             raise self.error((*path, "is"), "is: stands beside a bound", "keep is: alone, or the bounds")
@@ -253,7 +256,7 @@ class _Check:
     def _labels(self, path: Path_, part: schema.Base) -> None:
         for key, wanted in _LABELS.get(type(part), ()):
             here, named = (*path, key), dict(fields(part))[key]
-            for label in named if isinstance(named, list) else [named]:
+            for label in named if isinstance(named, list) else [named] if named is not None else []:
                 step = self.names.step(here, label)
                 if not isinstance(step, wanted) and not (schema.Publish in wanted and publishes(step)):
                     words = " or ".join(map(word, wanted)) if len(wanted) <= 2 else "do:"
@@ -292,7 +295,7 @@ class _Check:
                 raise self.error((*path, key), f"{key}: the duration {value.text!r} is negative")
             if sign == 0 and isinstance(part, schema.Periodic):
                 raise self.error((*path, key), f"{key}: the period is 0", "events repeat after a positive time")
-            if sign == 0 and isinstance(part, schema.Session):
+            if sign == 0 and isinstance(part, schema.Session) and key == "slice":
                 raise self.error((*path, key), f"{key}: drive_io would not wait at all", "give it some milliseconds")
 
     def _sign(self, duration: Duration) -> int:

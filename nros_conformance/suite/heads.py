@@ -18,6 +18,7 @@ from nros_conformance.suite.schema import (
     Base,
     Expectation,
     Parallel,
+    Repeat,
     Scenario,
     Step,
 )
@@ -62,6 +63,9 @@ def _step(document: Document, raw: Any, path: Path_) -> Step:
             for b, branch in enumerate(step.parallel)
         ]
         return structs.replace(step, parallel=branches)
+    if isinstance(step, Repeat):
+        turns = [_step(document, item, (*path, "script", i)) for i, item in enumerate(step.script)]
+        return structs.replace(step, script=turns)
     return step
 
 

@@ -16,7 +16,7 @@ from nros_conformance.suite.schema import Fault, Session
 class Injection:
     """One fault. ``declared``: the keys of ``[faults]`` by any of which a backend says that it can."""
 
-    of: Literal["publisher", "entity", "session"]
+    of: Literal["publisher", "entity", "session", "peer"]
     declared: tuple[str, ...]
     counted: bool = False
     publishes: bool = False
@@ -44,6 +44,8 @@ INJECTIONS = {
     "thaw": Injection("session", ("freeze",), apart=True),
     "clock_step": Injection("session", ("clock_step",), lasting=True, apart=True),
     "inject": Injection("session", ("inject",), counted=True),
+    "stop": Injection("peer", ("stop",)),
+    "start": Injection("peer", ("stop",)),
 }
 """By the name of the fault."""
 
@@ -51,6 +53,11 @@ INJECTIONS = {
 def injectable(fault: str, declared: Collection[str]) -> bool:
     """Whether a backend that declares these faults can be asked for this one."""
     return fault in INJECTIONS and any(key in declared for key in INJECTIONS[fault].declared)
+
+
+def about_the_peer(step: Fault) -> bool:
+    """Whether a fault hits the peer and no session."""
+    return step.fault in INJECTIONS and INJECTIONS[step.fault].of == "peer"
 
 
 def publishes(step: object) -> bool:
@@ -63,7 +70,13 @@ def check_injection(names: Names, path: Path_, step: Fault) -> None:
     error, injection = names.document.error, INJECTIONS.get(step.fault)
     if step.kind is not None and step.fault != "preset":
         raise error((*path, "kind"), f"kind: {step.fault} is about no event", "remove it")
+    if step.kill and step.fault != "stop":
+        raise error((*path, "kill"), f"kill: {step.fault} ends no peer", "remove it")
     if injection is None:
+        return
+    if injection.of == "peer":
+        if step.of is not None:
+            raise error((*path, "of"), f"of: {step.fault} is about the peer, which has no name", "remove it")
         return
     if step.of is None:
         raise error(path, f"{step.fault} without of:", f"add of: and a {injection.of}")

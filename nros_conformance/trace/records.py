@@ -189,6 +189,17 @@ class FaultRecord(Record, frozen=True, kw_only=True, tag="fault"):
     detail: dict[str, Any] = {}
 
 
+class Changed(Record, frozen=True, kw_only=True, tag="changed"):
+    """The reconnector of a session went from one state to another at ``t``."""
+
+    session: str
+    before: str
+    state: str
+    """``WAITING_AGENT``, ``AGENT_AVAILABLE``, ``AGENT_CONNECTED``, ``AGENT_DISCONNECTED``."""
+    reason: str = ""
+    t: int
+
+
 class Blind(Record, frozen=True, kw_only=True, tag="blind"):
     """Nothing could be observed in this interval (a frozen recorder, a lost connection to a device)."""
 
@@ -198,11 +209,12 @@ class Blind(Record, frozen=True, kw_only=True, tag="blind"):
 
 
 class Measure(Record, frozen=True, kw_only=True, tag="measure"):
-    """A measured quantity of a process."""
+    """A measured quantity of a process, or of the peer."""
 
     label: str
     what: str
-    """``cpu``: the processor time that all its threads have used, ns."""
+    """``cpu``: the processor time that all its threads have used, ns. ``listed``, ``checks``, ``probes``: what the
+    peer has counted."""
     value: float
     begin: int
     end: int
@@ -217,7 +229,9 @@ class End(Record, frozen=True, kw_only=True, tag="end"):
     detail: str = ""
 
 
-AnyRecord: TypeAlias = Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Blind | Measure | End
+AnyRecord: TypeAlias = (
+    Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Changed | Blind | Measure | End
+)
 
 
 class Trace(Struct, frozen=True):

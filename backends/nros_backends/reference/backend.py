@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import heapq
 import re
 import threading
 from collections.abc import Iterable
 from itertools import count
 from typing import Any
 
+from nros_backends.reference.connection import ConnectedSession
+from nros_backends.reference.link import Delayed, ReferenceEnvironment
+from nros_conformance.model.agent import Agent
 from nros_conformance.model.world import Occurrence, Sample, Topic, World
 from nros_conformance.rmw.backend import (
     Backend,
     Host,
     MessageCallback,
     Publisher,
-    Session,
     SessionOptions,
     Subscription,
 )
@@ -32,7 +35,7 @@ _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASC
 
 
 class ReferenceBackend(Backend):
-    """One world for all sessions of a scenario."""
+    """One world, and one agent, for all sessions of a scenario. Without `environment` the agent is always there."""
 
     def __init__(self, host: Host) -> None:
         super().__init__(host)
@@ -42,9 +45,24 @@ class ReferenceBackend(Backend):
         self.lock = threading.RLock()
         self.ids = count()
         self.entities: dict[int, ReferencePublisher | ReferenceSubscription] = {}
+        self.sessions: dict[int, ReferenceSession] = {}
+        self.agent = Agent(lambda client: client in self.sessions and self.sessions[client].answers_checks())
+        self.delayed: list[Delayed] = []
 
     def create_session(self, options: SessionOptions) -> ReferenceSession:
         return ReferenceSession(self, options)
+
+    def environment(self) -> ReferenceEnvironment:
+        return ReferenceEnvironment(self)
+
+    def ping(self, options: SessionOptions, timeout_ms: int, attempts: int = 1) -> int:
+        for _ in range(max(attempts, 1)):
+            with self.lock:
+                self.agent.probes += self.agent.up
+                if self.agent.up:
+                    return ReturnCode.OK
+            self.clock.wait(None, self.clock.now_ns() + max(timeout_ms, 0) * MS)
+        return ReturnCode.TIMEOUT
 
     def await_matched(self, publisher: Publisher, subscription: Subscription, until_ns: int) -> bool:
         assert isinstance(publisher, ReferencePublisher)
@@ -53,7 +71,10 @@ class ReferenceBackend(Backend):
             return self.world.matched(publisher.id, subscription.id)
 
     def inject(self, fault: str, **arguments: Any) -> int:
-        """``lose`` and ``preset``."""
+        """``lose``, ``preset``, and what a link can suffer."""
+        session = arguments.get("session")
+        if isinstance(session, ReferenceSession):
+            return session.suffer(fault, arguments)
         entity = arguments.get("entity")
         if fault == "lose" and isinstance(entity, ReferencePublisher):
             entity.unheard = True
@@ -65,6 +86,36 @@ class ReferenceBackend(Backend):
             return entity.preset(arguments["kind"], arguments["count"])
         return ReturnCode.UNSUPPORTED
 
+    def advance(self) -> None:
+        """Let the world, the agent and the links catch up with the clock, in the order of what is due."""
+        now = self.clock.now_ns()
+        while (due := self.next_due_ns) <= now:
+            self.tell(self.world.advance(due))
+            while self.delayed and self.delayed[0].at_ns <= due:
+                heapq.heappop(self.delayed).arrive()
+            for ruling in self.agent.advance(due):
+                self.sessions[ruling.client].given_up(ruling.at_ns, for_good=ruling.what == "removed")  # type: ignore[index]
+            for session in list(self.sessions.values()):
+                session.notice(due)
+        self.tell(self.world.advance(now))
+
+    @property
+    def next_due_ns(self) -> int:
+        """When something happens by itself next."""
+        return min(
+            self.world.next_due_ns,
+            self.agent.next_due_ns,
+            *(delayed.at_ns for delayed in self.delayed[:1]),
+            *(session.notices_ns for session in self.sessions.values()),
+        )
+
+    def peer_changed(self) -> None:
+        """The agent went, or a new one came: the sessions of before are unknown to it."""
+        self.advance()
+        for session in list(self.sessions.values()):
+            session.link_changed()
+            session.signal.set()
+
     def tell(self, occurrences: Iterable[Occurrence]) -> None:
         """Hand occurrences to the entities that they concern, and wake their sessions."""
         for occurrence in occurrences:
@@ -74,17 +125,13 @@ class ReferenceBackend(Backend):
                 entity.session.signal.set()
 
 
-class ReferenceSession(Session):
+class ReferenceSession(ConnectedSession):
     """A session: its own ready queue over the shared world."""
 
     def __init__(self, backend: ReferenceBackend, options: SessionOptions) -> None:
-        self.backend = backend
-        self.clock = backend.clock
-        self.options = options
         self.queue = ReadyQueue()
-        self.signal = self.clock.signal()
-        self.entities: list[ReferencePublisher | ReferenceSubscription] = []
         self.destroyed = False
+        super().__init__(backend, options)
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> ReferencePublisher:
         return ReferencePublisher(self, self._admit(topic, type_name, qos), topic, type_name, qos)
@@ -102,35 +149,40 @@ class ReferenceSession(Session):
             self.signal.clear()
             if self.poll():
                 self.queue.drain(max_callbacks)
-                return ReturnCode.OK
+                return self.code
             now = self.clock.now_ns()
-            if now >= until:
-                return ReturnCode.OK
+            if now >= until or self.lost:
+                return self.code
             self.clock.wait(self.signal, min(until, self.next_due_ns()))
 
     def poll(self) -> bool:
         """Let the world catch up with the clock; whether a callback is ready."""
         with self.backend.lock:
-            self.backend.tell(self.backend.world.advance(self.clock.now_ns()))
+            self.backend.advance()
             for entity in self.entities:
                 entity.registry.poll()
         return len(self.queue) > 0
 
     def next_due_ns(self) -> int:
-        """When the world does something by itself next."""
+        """When something happens by itself next."""
         with self.backend.lock:
-            return self.backend.world.next_due_ns
+            return self.backend.next_due_ns
 
     def destroy(self) -> int:
         for entity in list(self.entities):
             entity.destroy()
+        with self.backend.lock:
+            code = ReturnCode.OK if self.connected else ReturnCode.TIMEOUT  # all is released nevertheless (C22)
+            self.backend.agent.leave(self.id)
+            self.backend.sessions.pop(self.id, None)
         self.destroyed = True
         self.signal.set()
-        return ReturnCode.OK
+        return code
 
     def _admit(self, topic: str, type_name: str, qos: QosProfile) -> Topic:
         if self.destroyed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
+        self.await_peer()
         qos.check()
         if not _NAME.fullmatch(topic) or not type_name:
             raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r}, type {type_name!r}")
@@ -226,13 +278,35 @@ class ReferencePublisher(_Entity, Publisher):
             return ReturnCode.INVALID_ARGUMENT
         if len(data) > CAPACITY:
             return ReturnCode.MESSAGE_TOO_LARGE
+        if self.session.lost:
+            return ReturnCode.CONNECTION_FAILED
         with self.backend.lock:
+            self.backend.advance()
             now = self.backend.clock.now_ns()
-            self.backend.tell(self.backend.world.publish(self.id, data, now, lost=self.unheard))
-            for entity in self.backend.entities.values():
-                if isinstance(entity, ReferenceSubscription) and self.backend.world.matched(self.id, entity.id):
-                    entity.arrived(self.id, now)
+            if self.session.link.delay:
+                order = next(self.backend.ids)
+                heapq.heappush(
+                    self.backend.delayed, Delayed(now + self.session.link.delay, order, lambda: self.send(data))
+                )
+            else:
+                self.send(data)
         return ReturnCode.OK
+
+    def send(self, data: bytes) -> None:
+        """What was published comes to the agent, and from there to whom it reaches."""
+        if self.destroyed:
+            return
+        now = self.backend.clock.now_ns()
+        heard = self.session.link.out and self.backend.agent.knows(self.session.id)
+        if heard:
+            self.backend.agent.hears(self.session.id, now)
+        listeners = [one for one in self.backend.entities.values() if isinstance(one, ReferenceSubscription)]
+        deaf = {one.id for one in listeners if not one.session.link.in_}
+        lost = self.unheard or not heard
+        self.backend.tell(self.backend.world.publish(self.id, data, now, lost=lost, deaf=deaf))
+        for one in listeners:
+            if self.backend.world.matched(self.id, one.id):
+                one.arrived(self.id, now)
 
     def assert_liveliness(self) -> int:
         if self.destroyed:

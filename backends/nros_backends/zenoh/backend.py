@@ -13,7 +13,7 @@ zenoh carries bytes and tokens; all status events are the shim's, over what zeno
   assertion, and declares it again with the next. A thread sees to it also when nobody calls `drive_io`.
   LivelinessLost counts the same moment. Publishing asserts.
 - **Deadlines** run on the shim's clock, from reception (on zenoh's thread) and from a successful publication.
-- **MessageLost** counts gaps in the numbers of each publisher, once they have stayed open for 10 ms, and what the
+- **MessageLost** counts gaps in the numbers of each publisher, once they have stayed open for 25 ms, and what the
   receive queue pushes out. A sample without a valid attachment belongs to no publisher and is dropped.
 - **A sample larger than the caller's buffer** is dropped and counted as lost.
 - **Ends are matched by their tokens** as DDS matches them; what does not match is neither delivered nor counted.
@@ -97,7 +97,7 @@ class ZenohBackend(Backend):
             return ReturnCode.INVALID_ARGUMENT
         locator = options.locator or self._environment.endpoint()
         if not locator:
-            return ReturnCode.UNSUPPORTED if self._own is None else ReturnCode.TIMEOUT
+            return ReturnCode.UNSUPPORTED
         return ping_before_session(locator, max(timeout_ms, 0), attempts)
 
     def close(self) -> None:
@@ -143,7 +143,7 @@ class ZenohBackend(Backend):
         return {"eclipse-zenoh": importlib.metadata.version("eclipse-zenoh")}
 
     def _locator(self, options: SessionOptions) -> str:
-        """Which router a session shall use; empty for peers. Starts our own for who has not been told one."""
-        if self._own is not None and not options.locator and not self._own.endpoint():
+        """Which router a session shall use; empty for peers. Our own is started for who has not been told one."""
+        if self._own is not None and not options.locator:
             self._own.start()
         return options.locator or self._environment.endpoint()

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from typing import IO
 
-from nros_backends.zenoh.config import LEASE_MS
+from nros_backends.zenoh.config import LEASE_MS, free_port
 from nros_conformance.rmw.backend import Environment
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
@@ -35,12 +35,10 @@ class OwnRouter(Environment):
         """Raises `RmwError` CONNECTION_FAILED with what the router has printed."""
         if self.running:
             return
-        if not self._endpoint:
-            self._endpoint = f"tcp/127.0.0.1:{self._free_port()}"
         if self._log is None:
             self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "nros_backends.zenoh.router", self._endpoint, str(LEASE_MS)],
+            [sys.executable, "-m", "nros_backends.zenoh.router", self.endpoint(), str(LEASE_MS)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
         )  # fmt: skip
         assert self._process.stdout is not None
@@ -86,6 +84,9 @@ class OwnRouter(Environment):
         return None if self._process is None else self._process.pid
 
     def endpoint(self) -> str:
+        """Chosen when first asked for."""
+        if not self._endpoint:
+            self._endpoint = f"tcp/127.0.0.1:{self._free_port()}"
         return self._endpoint
 
     def log(self) -> str:
@@ -104,8 +105,7 @@ class OwnRouter(Environment):
                 with contextlib.suppress(OSError):
                     probe.bind(("127.0.0.1", port))
                     return port
-        with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as probe:
-            return int(probe.getsockname()[1])
+        return free_port()
 
 
 class GivenRouter(Environment):

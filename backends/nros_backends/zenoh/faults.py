@@ -18,7 +18,7 @@ from nros_backends.zenoh.publisher import ZenohPublisher
 from nros_backends.zenoh.session import ZenohSession
 from nros_conformance.rmw.codes import ReturnCode
 
-WIRE_FAULTS = frozenset({"lose", "partition", "block", "delay", "stall", "heal"})
+WIRE_FAULTS = frozenset({"lose", "reorder", "partition", "block", "delay", "stall", "heal"})
 """Those that take proxies."""
 
 
@@ -41,11 +41,7 @@ class Faults:
                 finally:
                     publisher.repeat = 1
             case "reorder", {"entity": ZenohPublisher() as publisher, "count": int(count), "publish": publish}:
-                publisher.reorder = []
-                try:
-                    return _worst(publish, count)
-                finally:
-                    publisher.flush()
+                return self._reorder(publisher, count, publish)
             case "preset", {"entity": End() as end, "kind": int(kind), "count": int(count)}:
                 return end.preset(kind, count)
             case "preset", {"entity": End() as end, "kind": None, "count": int(count)}:
@@ -94,6 +90,18 @@ class Faults:
         for sent, _ in self._network.flows(publisher.session):
             sent.filters = (*sent.filters, wanted)
         return _worst(publish, count)
+
+    def _reorder(self, publisher: ZenohPublisher, count: int, publish: Callable[[], int]) -> int:
+        """The proxies let go of all at once: on a busy host putting one after the other takes its time."""
+        flows = [sent for sent, _ in self._network.flows(publisher.session)]
+        publisher.reorder = []
+        try:
+            return _worst(publish, count)
+        finally:
+            for sent in flows:
+                sent.held = True
+            publisher.flush()
+            self._network.release(publisher.session)
 
     def _preset(self, end: End, count: int) -> int:
         """The numbers of all publishers of the topic, at both ends."""

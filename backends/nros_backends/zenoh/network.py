@@ -10,6 +10,7 @@ sends, or is sent, can then be held up in all its proxies.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import threading
@@ -19,10 +20,11 @@ from pathlib import Path
 import zenoh
 from filelock import FileLock
 
-from nros_backends.zenoh.config import locators, open_session, tcp_address
+from nros_backends.zenoh.config import free_port, open_session, tcp_address
 from nros_backends.zenoh.proxy import Flow, Loop, TcpProxy
+from nros_conformance.rmw.codes import RmwError
 
-_ANY_PORT = "tcp/127.0.0.1:0"
+_PORT_TRIES = 8
 
 
 @dataclasses.dataclass(eq=False, slots=True)
@@ -137,18 +139,13 @@ class Network:
         peers = self._peers()
         proxies = {port: self._proxy(("127.0.0.1", port)) for port in peers} if self._proxies else {}
         try:
-            session = open_session(
-                "peer",
-                listen=[_ANY_PORT],
-                connect=[f"tcp/127.0.0.1:{proxies[port].port if port in proxies else port}" for port in peers],
-                lease_ms=lease_ms,
+            session, port = _listening(
+                [f"tcp/127.0.0.1:{proxies[port].port if port in proxies else port}" for port in peers], lease_ms
             )
-            address = tcp_address(locators(session, "peer")[0])
         except BaseException:
             self._undo(list(proxies.values()))
             raise
-        assert address is not None
-        joined = Joined(session, owner, address[1])
+        joined = Joined(session, owner, port)
         self._links += [Link(joined, port, proxy) for port, proxy in proxies.items()]
         self._joined.append(joined)
         if self._processes:
@@ -178,6 +175,16 @@ class Network:
         if self._loop is not None and not self._joined:
             self._loop.close()
             self._loop = None
+
+
+def _listening(connect: list[str], lease_ms: int) -> tuple[zenoh.Session, int]:
+    """A peer on a port of its own. zenoh can choose one too, but tells only by the admin space."""
+    for _ in range(_PORT_TRIES - 1):
+        port = free_port()
+        with contextlib.suppress(RmwError):  # somebody else was faster
+            return open_session("peer", listen=[f"tcp/127.0.0.1:{port}"], connect=connect, lease_ms=lease_ms), port
+    port = free_port()
+    return open_session("peer", listen=[f"tcp/127.0.0.1:{port}"], connect=connect, lease_ms=lease_ms), port
 
 
 def _lives(pid: int) -> bool:

@@ -8,7 +8,7 @@ from nros_backends.zenoh.attachment import Attachment
 from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.detection import CountTracker, GapTracker
 
-HOLD_NS = 10 * MS
+HOLD_NS = 25 * MS
 """A gap counts as loss when it has stayed open for so long: what was overtaken on the way comes within it."""
 
 _EARLY = 64
@@ -54,9 +54,10 @@ class Numbers:
         if number <= known.last:
             if self._fill(gid, number):
                 return True
-            if sample.source_ns <= known.source_ns:
+            begins_again = number < known.last or number == 1
+            if not begins_again or sample.source_ns <= known.source_ns:
                 return False  # a duplicate, or too late: it has been counted
-            self._gaps.forget(gid)  # the publisher has begun again
+            self._gaps.forget(gid)
             self._open = [gap for gap in self._open if gap.gid != gid or self._count(gap)]
         lost = self._gaps.sample(gid, number % _MODULUS, at_ns)
         if lost:
@@ -65,8 +66,13 @@ class Numbers:
         return True
 
     def resume(self, gid: bytes) -> None:
-        """The publisher was out of sight: what it has sent meanwhile is not lost."""
+        """The publisher is out of sight: what it sends meanwhile is not lost, what it repeats then is no news."""
         self._gaps.forget(gid)
+
+    def forget(self, gid: bytes) -> None:
+        """The publisher has gone, and its samples cannot come again."""
+        self._gaps.forget(gid)
+        self._publishers.pop(gid, None)
 
     def preset(self, gid: bytes, number: int) -> None:
         """As if ``number`` had been the last one."""

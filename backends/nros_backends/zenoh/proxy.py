@@ -175,10 +175,11 @@ class _Side(asyncio.Protocol):
         """Pass on whole frames, as far as the flow lets them."""
         if self._partner is None:
             return
-        if not self._flow.held and self._rest:
-            self._partner._send(self._rest)
-            self._rest = b""
-        while not self._flow.held and len(self._received) >= _LENGTH:
+        while not self._flow.held and (self._rest or len(self._received) >= _LENGTH):
+            if self._rest:  # looked at each time: the flow may be released at any moment
+                self._partner._send(self._rest)
+                self._rest = b""
+                continue
             size = _LENGTH + int.from_bytes(self._received[:_LENGTH], "little")
             if len(self._received) < size:
                 break

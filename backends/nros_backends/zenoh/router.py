@@ -1,6 +1,6 @@
 """A router process: ``python -m nros_backends.zenoh.router ENDPOINT LEASE_MS``.
 
-There is no router on PyPI, but a session in router mode is one. It prints its locator when it listens, and ends
+There is no router on PyPI, but a session in router mode is one. It says so when it listens, and ends
 in an orderly way on SIGTERM, or when its standard input ends because whoever started it has died.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import signal
 import sys
 
-from nros_backends.zenoh.config import locators, open_session
+from nros_backends.zenoh.config import open_session
 
 
 def main() -> None:
@@ -19,7 +19,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _end)
     session = open_session("router", listen=[endpoint], lease_ms=lease_ms)
     try:
-        sys.stdout.write(f"{locators(session, 'router')[0]}\n")
+        sys.stdout.write("listening\n")
         sys.stdout.flush()
         while sys.stdin.buffer.read(1):
             pass

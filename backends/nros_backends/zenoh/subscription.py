@@ -131,7 +131,10 @@ class ZenohSubscription(End, Subscription):
         self._strangers.discard(token.gid)
         if self._publishers.pop(token.gid, None) is not None:
             self._alive.left(token.key, at_ns)
-            self._numbers.resume(token.gid)
+            if self.qos.durability is Durability.TRANSIENT_LOCAL:
+                self._numbers.resume(token.gid)
+            else:
+                self._numbers.forget(token.gid)
 
     def sample(self, payload: bytes, about: Attachment, at_ns: int) -> bool:
         """A sample arrived at ``at_ns``; whether it is one that counts."""

@@ -45,7 +45,7 @@ def test_a_library_is_played_and_what_was_derived_is_said_and_not_publishable(lo
         "LivelinessLost yes, OfferedDeadlineMissed yes; for claims of yours: --declaration FILE, see declare",
     ]
     report = read_report(tmp_path / "results" / "loopback" / "report.json")
-    assert report.arguments == " ".join([*arguments[:4], *arguments[6:], *arguments[4:6]])
+    assert report.asked == " ".join([*arguments[:4], *arguments[6:], *arguments[4:6]])
     assert (report.declaration.subject.kind, report.clock) == ("compiled", "real")
     assert report.why_partial.endswith(f" scenarios left out; {DERIVED}")
     assert report.declaration.behaviour.derived_support
