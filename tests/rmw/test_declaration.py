@@ -128,7 +128,9 @@ def test_an_adapter_without_declaration_or_module_says_so(package: Path) -> None
     error = find_backend("mine:Backend").error
     assert str(error) == f"{package / 'backend.toml'}: there is no declaration; write one; docs/backend-toml.md"
     assert str(find_backend("nowhere:Backend").error) == "nowhere:Backend: there is no module 'nowhere'"
-    with pytest.raises(BackendNotFound, match="no backend 'mqtt'; installed are can, cyclone, reference, uorb, xrce, zenoh"):
+    with pytest.raises(
+        BackendNotFound, match="no backend 'mqtt'; installed are can, cyclone, reference, uorb, xrce, zenoh"
+    ):
         find_backend("mqtt")
 
 
