@@ -10,7 +10,8 @@ from typing import Literal
 
 from nros_conformance.campaign.selection import proven
 from nros_conformance.judge.tolerances import smallest_T, tolerances
-from nros_conformance.play.plan import Plan, expected_ns
+from nros_conformance.play.plan import HANG_NS, Plan, expected_ns
+from nros_conformance.rmw.clock import NEVER
 from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.suite.loader import Loaded, Suites
 from nros_conformance.trace.records import Header
@@ -30,6 +31,8 @@ class Row:
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
     clock: str = ""
     """Another clock than the declared one; the control plays the reference on the real one too."""
+    provisional: str = ""
+    """Why it cannot be published, whatever it shows; empty when it can."""
 
     asked: str = ""
     """The name by which the command finds the backend, if not its own: ``module:Class``."""
@@ -46,9 +49,13 @@ class Row:
 
 
 def make_plan(
-    one: Loaded, row: Row, suites: Suites, folder: Path, *, attempt: int = 1, stretch: int = 1, ports: range = range(0)
-) -> Plan:
-    """A plan for one attempt; ``stretch`` multiplies T, ``folder`` is where the row's traces go."""
+    one: Loaded, row: Row, suites: Suites, folder: Path, *, attempt: int = 1, stretch: int = 1,
+    ports: range = range(0), patience: float = 1,
+) -> Plan:  # fmt: skip
+    """A plan for one attempt; ``stretch`` multiplies T, ``folder`` is where the row's traces go.
+
+    ``patience`` multiplies how long a call may take before it counts as hanging.
+    """
     declaration = row.declaration
     clock: Literal["real", "virtual"] = "virtual" if row.virtual else "real"
     bounds = declaration.quantities()
@@ -82,4 +89,5 @@ def make_plan(
         ports=(ports.start, ports.stop),
         options=dict(row.options),
         expected_ns=expected_ns(one.scenario.script, quantities),
+        hang_ns=int(min(HANG_NS * patience, NEVER // 4)),
     )

@@ -31,18 +31,21 @@ def find_rows(name: str) -> Found:
 def rows_of(
     found: Found, declaration: Declaration, asked: str = "", options: Mapping[str, str] | None = None
 ) -> list[Row]:
-    """One row for each default variant. ``asked``: the name by which the backend is found again.
+    """One row for each default variant. ``asked``: the name, or options, by which the backend is found again.
 
     ``options`` are for the adapter. Raises ImportError when its middleware is missing, `RmwError` when it refuses
     the options.
     """
-    given = dict(options or {})
+    given = {**found.options, **(options or {})}
     versions = found.load()(Host(clock=MonotonicClock(), options=given)).versions()
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
-        Row(declaration.in_variant(variant), found.adapter, variant, versions, given, asked=asked)
+        Row(
+            declaration.in_variant(variant), found.adapter, variant, versions, given,
+            asked=asked, provisional=found.provisional,
+        )
         for variant in variants or [""]
-    ]
+    ]  # fmt: skip
 
 
 def with_known(declaration: Declaration, file: Path, suites: Suites) -> Declaration:

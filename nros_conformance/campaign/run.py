@@ -17,6 +17,7 @@ from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide, proven
 from nros_conformance.judge.judge import judge
 from nros_conformance.play.faketime import lacking
+from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
 from nros_conformance.report.differences import differences
 from nros_conformance.report.known import covering, in_force
@@ -60,7 +61,7 @@ class RowRun:
 
     def __init__(
         self, row: Row, suites: Suites, selection: Selection, results: Path, *, ports: range, control: Control | None,
-        watch: Callable[[Progress], None], at_once: int = AT_ONCE,
+        watch: Callable[[Progress], None], at_once: int = AT_ONCE, launch: Launch = PLAIN,
     ) -> None:  # fmt: skip
         self.row = row
         self.suites = suites
@@ -70,6 +71,7 @@ class RowRun:
         self._ports = ports
         self._at_once = at_once
         self._control = control
+        self._launch = launch
         self.watch = watch
         self._lock = threading.Lock()
         self._begun = time.monotonic()
@@ -103,7 +105,8 @@ class RowRun:
         for old in traces.glob("*.jsonl"):
             old.unlink()
         self._pool = pool = Pool(
-            self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended, casualty=self._casualties.append
+            self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended,
+            casualty=self._casualties.append, launch=self._launch,
         )  # fmt: skip
         (self.folder / "worker.log").write_bytes(b"")
         waiting = list(self._to_play.values())
@@ -129,7 +132,7 @@ class RowRun:
         plans = [
             make_plan(
                 one, self.row, self.suites, self.folder / "traces",
-                attempt=number, stretch=2 ** (number - 1), ports=self._ports,
+                attempt=number, stretch=2 ** (number - 1), ports=self._ports, patience=self._launch.patience,
             )
             for one in scenarios
         ]  # fmt: skip
@@ -215,10 +218,13 @@ class RowRun:
 
     def _partial(self) -> tuple[bool, str]:
         left_out = len(self.suites.scenarios) - len(self._results) - sum(k not in self._results for k in self._to_play)
-        if left_out:
-            return True, f"{left_out} of {len(self.suites.scenarios)} scenarios left out"
         missing = sum(key not in self._results for key in self._to_play)
-        return (True, f"interrupted: {missing} of {self.total} scenarios not played") if missing else (False, "")
+        reasons = [
+            f"{left_out} of {len(self.suites.scenarios)} scenarios left out" if left_out else "",
+            f"interrupted: {missing} of {self.total} scenarios not played" if missing and not left_out else "",
+            self.row.provisional,
+        ]
+        return any(reasons), "; ".join(filter(None, reasons))
 
     def _incidents(self) -> list[Incident]:
         return [

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nros_conformance import __version__
+from nros_conformance.cli import native
 from nros_conformance.cli.codes import ExitCode
 
 RESULTS = Path(".nros-conformance")
@@ -86,6 +87,18 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument("--agent", metavar="HOST:PORT", help="the same as --option agent=HOST:PORT")
     run.add_argument("--junit", type=Path, metavar="FILE", help="also write the verdicts as JUnit XML")
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
+    native.arguments(run)
+    run.add_argument("--declaration", metavar="FILE", help="what the library claims; default: derived, see declare")
+    run.add_argument(
+        "--wrap", default="", metavar="COMMAND", help='put before the worker process: "valgrind", "gdb --args"'
+    )
+    run.add_argument(
+        "--debug", action="store_true", help="one scenario at a time in the terminal, no time limit; nothing is kept"
+    )
+
+    declare = _command(commands, "declare", "probe a compiled backend and draft its declaration")
+    native.arguments(declare, required=True)
+    declare.add_argument("--output", type=Path, metavar="FILE", help="write the draft there; default: print it")
 
     lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")
     lister.add_argument("what", choices=["backends", "suites", "scenarios", "requirements"])

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
+import shlex
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
@@ -16,17 +20,22 @@ from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection, SelectionError
+from nros_conformance.cli import native
 from nros_conformance.cli.codes import ExitCode, strongest
+from nros_conformance.cli.declare import refused
 from nros_conformance.cli.progress import ProgressLine
 from nros_conformance.formats.places import FormatError
+from nros_conformance.play.launch import Launch
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
 from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
 from nros_conformance.report.junit import junit
 from nros_conformance.report.results import Control, Report, encode_report
+from nros_conformance.rmw.backtraces import find_debugger
 from nros_conformance.rmw.codes import RmwError
 from nros_conformance.rmw.discovery import Found, find_backends
+from nros_conformance.rmw.loading import LibraryError
 from nros_conformance.suite.loader import Suites, load_suites
 
 
@@ -37,9 +46,20 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.profile, tuple(options.suite), tuple(options.scenario), tuple(options.requirement)
     )  # fmt: skip
     chosen = selection.choose(suites)
-    if options.known is not None and len(options.backend) != 1:
+    if options.known is not None and len(options.backend) + bool(options.native) != 1:
         raise SelectionError("a list of known failures is about one backend; name it: --backend NAME --known FILE")
-    backends, codes = _backends(options.backend)
+    launch = _launch(options)
+    if launch.debug:
+        options.results = Path(tempfile.mkdtemp(prefix="nros-conformance-debug-"))
+    backends, codes = _backends(options.backend) if options.backend or not options.native else ([], [])
+    library = None
+    if options.native:
+        try:
+            library = native.load(options)
+        except LibraryError as error:
+            codes.append(refused(error))
+        else:
+            backends.append(library.found)
     if not backends:
         return strongest([*codes, ExitCode.NOTHING])
     rows = [row for found in backends for row in _rows(found, suites, options)]
@@ -49,12 +69,15 @@ def run(options: argparse.Namespace) -> ExitCode:
     control = _control(suites, selection, options, say)
     if not control.ok:
         return ExitCode.INTERNAL
+    for line in library.says if library is not None else ():
+        say(f"{'native':<8} {line}")
     real = max(1, sum(not row.virtual for row in rows))
     with contextlib.ExitStack() as stack:
         runs = [
             RowRun(
                 row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
                 watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+                launch=_for(row, launch),
             )
             for row in rows
         ]  # fmt: skip
@@ -77,6 +100,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.junit.parent.mkdir(parents=True, exist_ok=True)
         options.junit.write_bytes(junit(reports, {one.id: one for one in suites.requirements}))
     say(terminal.closing(reports, suites.levels, options.results, selection))
+    if launch.wrap and not launch.debug:
+        say("wrapped  " + ", ".join(f"{options.results}/{report.row}/worker.log" for report in reports))
     code = strongest(codes)
     say(f"\nexit {int(code)}{terminal.meaning(int(code), reports)}")
     return code
@@ -127,6 +152,8 @@ def _rows(found: Found, suites: Suites, options: argparse.Namespace) -> list[Row
     if options.known is not None:
         declaration = with_known(declaration, options.known, suites)
     asked = found.adapter if found.adapter in options.backend else ""
+    if found.options:
+        asked = native.spelled(options)
     try:
         return rows_of(found, declaration, asked, host_options(options))
     except RmwError as error:
@@ -140,6 +167,17 @@ def host_options(options: argparse.Namespace) -> dict[str, str]:
         if "=" not in one:
             raise FormatError("--option", None, f"{one!r} is not NAME=VALUE", "write --option agent=127.0.0.1:8888")
     return dict(one.split("=", 1) for one in given)
+
+
+def _launch(options: argparse.Namespace) -> Launch:
+    launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug)
+    return dataclasses.replace(launch, debug=launch.debug or launch.interactive)
+
+
+def _for(row: Row, launch: Launch) -> Launch:
+    """Where a compiled backend crashed is worth a second look; whoever wraps it looks for himself."""
+    looks = row.declaration.subject.kind == "compiled" and not launch.wrap and not launch.debug
+    return dataclasses.replace(launch, debugger=find_debugger()) if looks else launch
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:

@@ -19,6 +19,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from nros_conformance.play.autopsy import autopsy
+from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
 from nros_conformance.trace.files import TraceWriter
@@ -28,6 +30,7 @@ _CURRENT = re.compile(r"^Current thread .*\n", re.MULTILINE)
 _THREAD = re.compile(r"^(?:Current thread|Thread) .*\n", re.MULTILINE)
 _FRAME = re.compile(r"^  File \"([^\"]+)\", line (\d+) in (\S+)", re.MULTILINE)
 _DRIVER = "play/driver.py"
+_WORKER = (sys.executable, "-X", "faulthandler", "-m", "nros_conformance.play.worker")
 _WAITING = ("threading.py", "clock.py", "driver.py")
 
 SILENCE_S = 20.0
@@ -70,14 +73,15 @@ class Pool:
 
     def __init__(
         self, log: Path, *, virtual: bool, ended: Callable[[Ended], None], casualty: Callable[[Casualty], None],
-        silence_s: float = SILENCE_S, play_limit_s: float = PLAY_LIMIT_S,
+        silence_s: float = SILENCE_S, play_limit_s: float = PLAY_LIMIT_S, launch: Launch = PLAIN,
     ) -> None:  # fmt: skip
         self._log = log
         self._virtual = virtual
         self._ended = ended
         self._casualty = casualty
-        self._silence_s = silence_s
-        self._play_limit_s = play_limit_s
+        self._silence_s = silence_s * launch.patience
+        self._play_limit_s = play_limit_s * launch.patience
+        self._launch = launch
         self._stopped = threading.Event()
 
     def stop(self) -> None:
@@ -100,14 +104,16 @@ class Pool:
         ours, theirs = socket.socketpair()
         with ours, self._log.open("ab") as log:
             log_start = log.tell()
+            watched = self._launch.debug
             process = subprocess.Popen(
-                [sys.executable, "-X", "faulthandler", "-m", "nros_conformance.play.worker", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=_environment(),
+                self._launch.command([*_WORKER, str(theirs.fileno())]), pass_fds=[theirs.fileno()],
+                stdin=None if watched else subprocess.DEVNULL, stdout=None if watched else log,
+                stderr=None if watched else log, env=_environment(),
             )  # fmt: skip
             theirs.close()
             try:
                 watch = _Watch(process, ours, plans, self)
-                ours.sendall(encode(Job(list(plans), min(concurrency, len(plans)), self._virtual)))
+                ours.sendall(encode(Job(list(plans), 1 if watched else min(concurrency, len(plans)), self._virtual)))
                 watch.listen()
             finally:
                 if process.poll() is None:
@@ -120,6 +126,11 @@ class Pool:
         where = _where(self._log, log_start, what)
         detail = watch.killed or _death(process.returncode)
         detail += f", {where}" if where else ""
+        if self._launch.debugger and what == "crash" and len(suspects) == 1:
+            native = autopsy(
+                self._launch.debugger, _WORKER, _environment(), suspects[0], self._log, virtual=self._virtual
+            )
+            detail += f"; natively in {native}" if native else ""
         self._casualty(Casualty(what, detail, tuple(watch.in_flight)))
         if len(suspects) == 1:
             plan = suspects[0]

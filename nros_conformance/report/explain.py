@@ -58,7 +58,9 @@ def explain_scenario(
 
 def again(report: Played, result: ScenarioResult) -> str:
     """The one command that plays just that."""
-    return f"nros-conformance run --backend {report.asked or report.row} --scenario {_quoted(result.key)}"
+    asked = report.asked or report.row
+    named = asked if asked.startswith("--") else f"--backend {asked}"
+    return f"nros-conformance run {named} --scenario {_quoted(result.key)}"
 
 
 def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:

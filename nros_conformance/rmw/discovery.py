@@ -10,6 +10,7 @@ import dataclasses
 import importlib
 import importlib.metadata
 import importlib.util
+from collections.abc import Mapping
 from pathlib import Path
 
 from nros_conformance.formats.places import FormatError, nearest
@@ -33,13 +34,18 @@ class Unavailable:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Found:
-    """A backend that was found: its declaration, or what is wrong with it."""
+    """A backend that was found: its declaration, or what is wrong with it.
+
+    ``options``: for `Host.options`. ``provisional``: why its row cannot be published; empty when it can.
+    """
 
     name: str
     adapter: str
     declaration: Declaration | None = None
     error: FormatError | None = None
     origin: str = ""
+    options: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    provisional: str = ""
 
     def load(self) -> type[Backend]:
         """Import the adapter class. Raises ImportError when its middleware is missing."""

@@ -1,0 +1,2 @@
+/* A library, but no backend. */
+int something(void) { return 1; }
