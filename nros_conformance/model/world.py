@@ -93,6 +93,10 @@ class _Subscription:
     heard: dict[Id, int] = dataclasses.field(default_factory=dict)
     history: list[Sample] = dataclasses.field(default_factory=list)
     """Samples of before it existed: delivered, never lost (MSL-004)."""
+    believes: dict[Id, bool] = dataclasses.field(default_factory=dict)
+    """The publishers that it knows of, and whether it takes them for alive."""
+    severed: dict[Id, int] = dataclasses.field(default_factory=dict)
+    """Publishers that cannot reach it, and when they count as not alive for that."""
 
 
 class World:
@@ -109,7 +113,7 @@ class World:
         found = list(self.advance(at_ns))
         publisher = _Publisher(topic, node, qos, _Periodic(_ns(qos.deadline_ms)), at_ns, _ns(qos.lease_ms))
         self._publishers[id_] = publisher
-        return found + self._tell(publisher, at_ns, 1, 0)
+        return found + self._tell(id_, publisher, at_ns, True)
 
     def create_subscription(self, id_: Id, topic: Topic, qos: QosProfile, at_ns: int) -> list[Occurrence]:
         """A subscription appears and finds the publishers that exist, dead or alive (REG-009)."""
@@ -118,8 +122,7 @@ class World:
         self._subscriptions[id_] = subscription
         for publisher_id, publisher in self._publishers.items():
             if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
-                change = (1, 0) if publisher.alive else (0, 1)
-                found.append(Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, change))
+                found += self._believe(id_, subscription, publisher_id, at_ns, publisher.alive)
                 subscription.heard[publisher_id] = publisher.sequence
                 if subscription.qos.durability:
                     subscription.history += publisher.history
@@ -131,7 +134,7 @@ class World:
         """An orderly goodbye: what it counted as is taken back (LVC-002, LVC-003)."""
         found = list(self.advance(at_ns))
         publisher = self._publishers.pop(id_)
-        return found + self._tell(publisher, at_ns, *((-1, 0) if publisher.alive else (0, -1)))
+        return found + self._tell(id_, publisher, at_ns, None)
 
     def destroy_subscription(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """Nothing is told to anybody."""
@@ -146,7 +149,7 @@ class World:
         """
         found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
         publisher = self._publishers[id_]
-        found += self._assert(publisher, at_ns)
+        found += self._assert(id_, at_ns)
         publisher.offered.restart(at_ns)
         publisher.sequence = (publisher.sequence + 1) % NUMBERS
         lifespan = _ns(publisher.qos.lifespan_ms)
@@ -155,14 +158,14 @@ class World:
             publisher.history = [*publisher.history, sample][-max(publisher.qos.depth, 1) :]
         if not lost:
             for subscription_id, subscription in self._subscriptions.items():
-                if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
+                if id_ not in subscription.severed and self.matched(id_, subscription_id):
                     found += self._deliver(subscription_id, subscription, sample, at_ns)
         return found
 
     def assert_liveliness(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """A manual assertion; MANUAL_BY_NODE covers its siblings of the same node (LVL-006)."""
         found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
-        return found + self._assert(self._publishers[id_], at_ns)
+        return found + self._assert(id_, at_ns)
 
     def take(self, id_: Id, at_ns: int) -> Sample | None:
         """The oldest sample whose lifespan is not over. Expired ones are not lost (MSL-006)."""
@@ -206,6 +209,29 @@ class World:
         else:
             self._subscriptions[id_].requested.period = _ns(period_ms)
 
+    # The link.
+
+    def sever(self, publisher: Id, subscription: Id, lease_ms: int, at_ns: int) -> list[Occurrence]:
+        """From now on nothing of this publisher reaches the subscription; a lost link shows by a lease.
+
+        By that of the publisher, from its last assertion on, if it has one; else by ``lease_ms``, the connection's.
+        """
+        found = list(self.advance(at_ns))
+        sender = self._publishers[publisher]
+        lease = lease_ms * MS if sender.lease is None else sender.lease
+        begin = sender.asserted if sender.qos.liveliness.is_manual and sender.lease is not None else at_ns
+        self._subscriptions[subscription].severed.setdefault(publisher, begin + lease)
+        return found
+
+    def restore(self, publisher: Id, subscription: Id, at_ns: int) -> list[Occurrence]:
+        """What it sends arrives again, beginning with whether it still lives (LVC-010)."""
+        found = list(self.advance(at_ns))
+        receiver = self._subscriptions[subscription]
+        if receiver.severed.pop(publisher, None) is None:
+            return found
+        sender = self._publishers.get(publisher)
+        return found + self._believe(subscription, receiver, publisher, at_ns, sender.alive if sender else None)
+
     # Time.
 
     @property
@@ -215,6 +241,7 @@ class World:
             (
                 *(min(publisher.offered.due, publisher.expiry) for publisher in self._publishers.values()),
                 *(subscription.requested.due for subscription in self._subscriptions.values()),
+                *(due for subscription in self._subscriptions.values() for due in subscription.severed.values()),
             ),
             default=NEVER,
         )
@@ -226,6 +253,11 @@ class World:
                 if subscription.requested.due == due:
                     subscription.requested.counted += 1
                     yield Occurrence(due, id_, EventKind.REQUESTED_DEADLINE_MISSED, (1,))
+                for publisher_id, expiry in subscription.severed.items():
+                    if expiry == due:
+                        subscription.severed[publisher_id] = NEVER
+                        if subscription.believes.get(publisher_id):
+                            yield from self._believe(id_, subscription, publisher_id, due, False)
             for id_, publisher in self._publishers.items():
                 if publisher.offered.due == due:
                     publisher.offered.counted += 1
@@ -233,7 +265,7 @@ class World:
                 if publisher.expiry == due:
                     publisher.alive = False
                     yield Occurrence(due, id_, EventKind.LIVELINESS_LOST, (1,))
-                    yield from self._tell(publisher, due, -1, 1)
+                    yield from self._tell(id_, publisher, due, False)
 
     def matched(self, publisher: Id, subscription: Id) -> bool:
         """Whether the two know each other."""
@@ -242,25 +274,43 @@ class World:
 
     # Parts of actions.
 
-    def _assert(self, publisher: _Publisher, at_ns: int) -> list[Occurrence]:
+    def _assert(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        publisher = self._publishers[id_]
         kind = publisher.qos.liveliness
-        covered = [publisher]
+        covered = [id_]
         if kind is Liveliness.MANUAL_BY_NODE:
-            covered = [p for p in self._publishers.values() if p.node == publisher.node and p.qos.liveliness is kind]
+            covered = [
+                id_ for id_, one in self._publishers.items() if (one.node, one.qos.liveliness) == (publisher.node, kind)
+            ]
         found: list[Occurrence] = []
         for one in covered:
-            one.asserted = at_ns
-            if not one.alive:
-                one.alive = True
-                found += self._tell(one, at_ns, 1, -1)
+            self._publishers[one].asserted = at_ns
+            if not self._publishers[one].alive:
+                self._publishers[one].alive = True
+                found += self._tell(one, self._publishers[one], at_ns, True)
         return found
 
-    def _tell(self, publisher: _Publisher, at_ns: int, alive: int, not_alive: int) -> list[Occurrence]:
-        return [
-            Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, (alive, not_alive))
-            for id_, subscription in self._subscriptions.items()
-            if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos)
-        ]
+    def _tell(self, id_: Id, publisher: _Publisher, at_ns: int, alive: bool | None) -> list[Occurrence]:
+        """Whether a publisher is alive, to all that it can reach; None: it is gone."""
+        found: list[Occurrence] = []
+        for subscription_id, subscription in self._subscriptions.items():
+            if id_ not in subscription.severed and matches(
+                publisher.topic, publisher.qos, subscription.topic, subscription.qos
+            ):
+                found += self._believe(subscription_id, subscription, id_, at_ns, alive)
+        return found
+
+    def _believe(
+        self, id_: Id, subscription: _Subscription, publisher: Id, at_ns: int, alive: bool | None
+    ) -> list[Occurrence]:
+        """The subscription learns it: alive_count and not_alive_count change accordingly (CNT-004)."""
+        before = subscription.believes.get(publisher)
+        if alive is None:
+            subscription.believes.pop(publisher, None)
+        else:
+            subscription.believes[publisher] = alive
+        change = ((alive is True) - (before is True), (alive is False) - (before is False))
+        return [Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, change)] if any(change) else []
 
     def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
         found = []

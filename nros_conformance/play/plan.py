@@ -15,6 +15,10 @@ HANG_NS = 5_000 * MS
 the run only this wait."""
 
 
+CYCLE_NS = 20 * MS
+"""What the calls of a cycle may take, several times what a Cyclone session takes to come and go (6 ms)."""
+
+
 class Plan(Struct, frozen=True, kw_only=True):
     """One play: a header to complete, an adapter, a place in the host's network, a file for the trace."""
 
@@ -35,8 +39,10 @@ def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:
     total = 0
     for step in steps:
         match step:
-            case schema.Drive(drive=duration) | schema.Idle(idle=duration):
+            case schema.Drive(drive=duration) | schema.Idle(idle=duration) | schema.Phase(phase=duration):
                 total += duration.ns(quantities)
+            case schema.Cycle(cycle=times, script=script):
+                total += times * (expected_ns(script, quantities) + CYCLE_NS)
             case schema.Parallel(parallel=branches):
                 total += max((expected_ns(branch, quantities) for branch in branches), default=0)
             case schema.Call() | schema.Spin():

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import time
+import gc
+import random
+import weakref
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from nros_conformance.play import payload
+from nros_conformance.play.cycles import CycleSum
 from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
+from nros_conformance.play.process import QUANTITIES
 from nros_conformance.play.stage import Actor, Stage
 from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS
@@ -36,6 +40,9 @@ class Script:
         """Callbacks so far, by the number of the reaction."""
         self._made: Counter[str] = Counter()
         """Calls that reactions have made so far, by label."""
+        self._held: dict[str, list[weakref.ref[Any]]] = {}
+        """Callback and context of each registration, by the label of its step."""
+        self._random = random.Random(stage.plan.header.seed)
         stage.react = self._react
 
     def play(self, script: Sequence[Any]) -> None:
@@ -48,6 +55,12 @@ class Script:
                     self._pause(label, "drive", begin, step.drive.ns(self.stage.quantities))
                 case schema.Idle():
                     self._idle(label, begin, step.idle.ns(self.stage.quantities))
+                case schema.Phase():
+                    self._pause(label, "drive", begin, self._random.randrange(step.phase.ns(self.stage.quantities)))
+                case schema.Cycle():
+                    self._cycle(step, label, begin)
+                case schema.Released():
+                    self._mark(label, "released", begin, self._released(step))
                 case schema.Parallel():
                     self._parallel(step.parallel)
                     self._mark(label, "parallel", begin)
@@ -75,10 +88,35 @@ class Script:
         self.stage.record(Act(label=label, op=op, due=begin, begin=begin, end=command.end, result=result))
 
     def _measure(self, label: str, begin: int, what: str) -> None:
-        value = time.process_time_ns()
+        value = QUANTITIES[what]()
         self._mark(label, "measure", begin)
         end = self.clock.now_ns()
         self.stage.record(Measure(label=label, what=what, value=value, begin=begin, end=end))
+
+    def _cycle(self, step: schema.Cycle, label: str, begin: int) -> None:
+        total = CycleSum(label)
+        self._flush()
+        self.stage.sink = total.note
+        try:
+            for _ in range(step.cycle):
+                self.play(step.script)
+                total.cycle()
+            self._flush()
+        finally:
+            self.stage.sink = None
+        end = self.clock.now_ns()
+        self.stage.record(total.record(begin, end))
+        self._mark(label, "cycle", begin)
+
+    def _flush(self) -> None:
+        """Have the quiet spins so far written down, each on its thread."""
+        for driver in self.stage.drivers.values():
+            self.stage.perform(driver, "flush", driver.flush)
+
+    def _released(self, step: schema.Released) -> bool:
+        held = self._held.get(step.registration, [])
+        gc.collect()
+        return all(one() is None for one in (held[:-2] if step.but_last else held))
 
     def _idle(self, label: str, begin: int, duration: int) -> None:
         driven = [driver for driver in self.stage.drivers.values() if driver.background]
@@ -251,7 +289,8 @@ class Script:
             case schema.Register():
                 return self._register(step, label, actor)
             case schema.Create():
-                return "create", args, lambda: stage.create(actor)
+                stale = step.stale
+                return "create", args, lambda: stage.create(actor, stale=stale)
             case schema.Destroy():
                 return "destroy", args, lambda: stage.destroy(actor.name)
         raise StopPlay("error", f"no way to play {type(step).__name__}")
@@ -272,8 +311,9 @@ class Script:
         else:
             deadline = INFINITE_MS if step.deadline.is_infinite else step.deadline.ns(self.stage.quantities) // MS
         callback = None if step.callback == "none" else self.stage.callback(actor, label)
-        context = step.context or label
-        args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": context}
+        context = _Context(step.context or label)
+        self._held.setdefault(label, []).extend(weakref.ref(one) for one in (callback, context) if one is not None)
+        args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": str(context)}
         return "register", args, lambda: int(actor.created().register_event(kind, deadline, callback, context))
 
     # Anchors of ``at``.
@@ -291,6 +331,10 @@ class Script:
             when = (chosen[0].begin if moment.edge == "begin" else chosen[-1].end) + offset
         self.stage.sleep_until(when)
         return max(when, self.clock.now_ns())
+
+
+class _Context(str):
+    """A context whose life can be watched."""
 
 
 def _session(driver: Driver) -> Session:

@@ -62,7 +62,9 @@ class Stage:
         self.plan = plan
         self.scenario = scenario
         self.clock = clock
-        self.record = record
+        self._write = record
+        self.sink: Callable[[AnyRecord], None] | None = None
+        """Takes the records in place of the trace."""
         self.quantities = plan.header.quantities
         self.abort = clock.signal()
         self.stopped: StopPlay | None = None
@@ -84,6 +86,7 @@ class Stage:
         self.react: Callable[[Actor, int, str], None] = lambda actor, kind, registration: None
         """Told of each status callback while it runs: whose, of which kind and registration."""
         self._closed: set[str] = set()
+        self._drained: set[str] = set()
         self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
         self._cast()
 
@@ -110,6 +113,10 @@ class Stage:
             self.drivers[name] = Driver(name, self.clock, self.record, self.fail)
         for index, (name, spec) in enumerate(expanded):
             self.actors[name] = Actor(name, spec, self.drivers[session_of(spec)], index)
+
+    def record(self, record: AnyRecord) -> None:
+        """Write a record down."""
+        (self.sink or self._write)(record)
 
     # Failing and waiting.
 
@@ -182,12 +189,12 @@ class Stage:
         driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
         driver.background = code == 0 and spec.driven
 
-    def create(self, actor: Actor) -> int:
+    def create(self, actor: Actor, *, stale: bool = False) -> int:
         """Create an entity and register its events; on its session's thread. The return code.
 
-        If its session has been destroyed, that is created anew before.
+        If its session has been destroyed, that is created anew before, unless the stale one is wanted.
         """
-        if actor.driver.name in self._closed:
+        if actor.driver.name in self._closed and not stale:
             self._closed.remove(actor.driver.name)
             self._connect(actor.driver)
         session = actor.driver.session
@@ -317,7 +324,8 @@ class Stage:
         handle = actor.handle
         if not isinstance(handle, Subscription):
             return
-        if actor.spec.take == "always":
+        if actor.spec.take == "always" and actor.name not in self._drained:
+            self._drained.add(actor.name)
             actor.driver.after_drive.append(lambda: self._drain(actor))
         if actor.driver.name in self.executors:
             self.executors[actor.driver.name].add_subscription(handle, lambda data: self._spun(actor, data))

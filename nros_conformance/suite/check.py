@@ -13,6 +13,7 @@ from nros_conformance.rmw.events import KIND_BY_LABEL, CountStatus, EventKind, L
 from nros_conformance.suite import schema
 from nros_conformance.suite.anchors import check_anchors
 from nros_conformance.suite.catalogue import Requirements
+from nros_conformance.suite.cycles import check_cycle, check_cycles, check_measure
 from nros_conformance.suite.injections import check_injection, publishes
 from nros_conformance.suite.kinds import expected_entities, expected_kinds
 from nros_conformance.suite.names import Names, word
@@ -28,7 +29,7 @@ COUNT_MAX = 1000
 _CALLS = (schema.Call, schema.Spin)
 _ANSWERING = (
     schema.Publish, schema.Assert, schema.Take, schema.HasData, schema.Register, schema.Supports, schema.Create,
-    schema.Destroy, *_CALLS,
+    schema.Destroy, schema.Released, *_CALLS,
 )  # fmt: skip
 _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]], ...]] = {
     schema.GapGiven: (("gap", _ANSWERING),),
@@ -40,6 +41,9 @@ _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]]
     schema.Callbacks: (("callbacks", _CALLS),),
     schema.Takes: (("takes", (*_ANSWERING, schema.Settle)),),
     schema.Measured: (("from", (schema.Measure,)), ("to", (schema.Measure,))),
+    schema.Counted: (("counted", (schema.Measure,)), ("since", (schema.Measure,))),
+    schema.Cycles: (("cycles", (schema.Cycle,)), ("step", (*_ANSWERING, schema.Settle))),
+    schema.Released: (("registration", (schema.Register,)),),
 }
 """Which fields name labels, and of which steps."""
 
@@ -130,8 +134,11 @@ class _Check:
             self._groups((*path, "parallel"), "branch", step.parallel)
         if isinstance(step, schema.Repeated):
             self._not_below((*path, "times"), step.times, 1)
+        if isinstance(step, schema.Cycle):
+            check_cycle(self.names, path, step)
         if isinstance(step, _CALLS):
             self.names.check_session((*path, "session"), step.session)
+        self._labels(path, step)
         sessions = self.names.sessions
         if isinstance(step, (schema.Destroy, schema.Fault)) and step.of is not None and step.of not in sessions:
             self.names.check_entities((*path, "of"), [step.of], others=sessions)
@@ -140,21 +147,13 @@ class _Check:
         if isinstance(step, schema.Fault):
             check_injection(self.names, path, step)
         if isinstance(step, schema.Measure):
-            self._measure(path)
+            check_measure(self.names, path, step)
 
     def _create(self, path: Path_, name: str) -> None:
         entity = self.scenario.entities[name]
         gone = {base_name(step.of) for _, step in steps(self.scenario) if isinstance(step, schema.Destroy)}
         if not entity.deferred and not gone & {name, session_of(entity)}:
             raise self.error(path, f"{name!r} exists from the start", "add deferred: true to the entity")
-
-    def _measure(self, path: Path_) -> None:
-        """Processor time is that of a process, and virtual time costs none."""
-        needs = self.scenario.needs
-        if needs.process != "own" or needs.clock != "real":
-            raise self.error(
-                path, "others share the process, or time is virtual", "add needs: {process: own, clock: real}"
-            )
 
     # --- what is expected ---------------------------------------------------------------------------
 
@@ -186,13 +185,16 @@ class _Check:
             self._groups((*path, "any_of"), "group", expectation.any_of)
         if isinstance(expectation, schema.Inside):
             self._status(path, expectation)
+        if isinstance(expectation, schema.Cycles):
+            check_cycles(self.names, path, expectation)
+            self._answers(path, expectation.is_)
         if isinstance(expectation, schema.Level):
             window = (expectation.from_ is not None, expectation.until is not None)
             if window != ((False, False) if expectation.by is not None else (True, True)):
                 raise self.error(path, "level needs either by:, or from: and until:")
         if isinstance(expectation, schema.Takes) and expectation.at_most is None and expectation.at_least is None:
             raise self.error(path, "takes without a bound", "add at_most: or at_least:")
-        if isinstance(expectation, (schema.Total, schema.Callbacks)):
+        if isinstance(expectation, (schema.Total, schema.Callbacks, schema.Counted)):
             self._numbers(path, expectation)
 
     def _admitted(self, path: Path_, name: str) -> None:
@@ -232,15 +234,14 @@ class _Check:
             if name not in known:
                 raise self.names.unknown((*path, "status", name), f"field of {inside.event}", name, known)
 
-    def _numbers(self, path: Path_, expectation: schema.Total | schema.Callbacks) -> None:
-        exact = expectation.is_ if isinstance(expectation, schema.Total) else None
+    def _numbers(self, path: Path_, expectation: schema.Total | schema.Callbacks | schema.Counted) -> None:
+        exact = None if isinstance(expectation, schema.Callbacks) else expectation.is_
         least, most = expectation.at_least, expectation.at_most
         if exact is None and least is None and most is None:
-            total = isinstance(expectation, schema.Total)
+            head = type(expectation).__name__.lower()
+            callbacks = isinstance(expectation, schema.Callbacks)
             raise self.error(
-                path,
-                "total without a number" if total else "callbacks without a number",
-                "add is:, at_least: or at_most:" if total else "add at_least: or at_most:",
+                path, f"{head} without a number", f"add {'' if callbacks else 'is:, '}at_least: or at_most:"
             )
         if exact is not None and (least is not None or most is not None):
             raise self.error((*path, "is"), "is: stands beside a bound", "keep is: alone, or the bounds")
@@ -253,7 +254,7 @@ class _Check:
     def _labels(self, path: Path_, part: schema.Base) -> None:
         for key, wanted in _LABELS.get(type(part), ()):
             here, named = (*path, key), dict(fields(part))[key]
-            for label in named if isinstance(named, list) else [named]:
+            for label in named if isinstance(named, list) else [named] if named is not None else []:
                 step = self.names.step(here, label)
                 if not isinstance(step, wanted) and not (schema.Publish in wanted and publishes(step)):
                     words = " or ".join(map(word, wanted)) if len(wanted) <= 2 else "do:"
@@ -269,7 +270,10 @@ class _Check:
                 raise self.error(here, f"returns: {name!r} is a step with {word(type(step))}, which answers nothing")
         if not part.is_:
             raise self.error((*path, "is"), "is: no answer is listed", "list one or more")
-        for answer in part.is_:
+        self._answers(path, part.is_)
+
+    def _answers(self, path: Path_, answers: Sequence[str]) -> None:
+        for answer in answers:
             if answer not in ANSWERS:
                 raise self.names.unknown((*path, "is"), "answer", answer, ANSWERS)
 

@@ -38,8 +38,13 @@ INJECTIONS = {
     "bus_off": Injection("session", ("bus_off",)),
     "heal": Injection("session", ("partition", "block", "delay", "stall", "bus_off")),
     "inject": Injection("session", ("inject",), counted=True),
+    "clock_step": Injection("session", ("clock_step",), lasting=True),
+    "crash": Injection("session", ("crash",)),
+    "freeze": Injection("session", ("freeze",)),
+    "thaw": Injection("session", ("freeze",)),
 }
-"""By the name of the fault. The others need a session in a process of its own, or a peer."""
+"""By the name of the fault, for backends that declare it. What is done to a process of its own, the last four, a
+backend declares only if its processes are simulated, or share what they must not."""
 
 
 def injectable(fault: str, declared: Collection[str]) -> bool:

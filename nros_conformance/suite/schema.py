@@ -120,6 +120,22 @@ class Idle(Step, frozen=True, kw_only=True):
     idle: Duration
 
 
+class Phase(Step, frozen=True, kw_only=True):
+    """Let a part of this time pass, drawn by the play's seed: stimuli at round times hide poll grids."""
+
+    phase: Duration
+
+
+class Cycle(Step, frozen=True, kw_only=True):
+    """Play a script so many times. What happens is summed up cycle by cycle, and not written down one by one.
+
+    Only `cycles` can say what is expected of it; a last cycle that is to be looked at closely follows it.
+    """
+
+    cycle: int
+    script: list[Any]
+
+
 class Parallel(Step, frozen=True, kw_only=True):
     """Branches that run side by side; the step ends with the last of them."""
 
@@ -219,6 +235,8 @@ class Create(Step, frozen=True, kw_only=True):
 
     do: Literal["create"]
     entity: EntityName
+    stale: bool = False
+    """On the session as it is, also if it is destroyed; else a destroyed session is created anew before."""
 
 
 class Destroy(Repeated, frozen=True, kw_only=True):
@@ -245,11 +263,28 @@ class Spin(Repeated, frozen=True, kw_only=True):
     cap: int | None = None
 
 
+class Released(Step, frozen=True, kw_only=True):
+    """Whether callback and context of these registrations are gone, now that nobody else refers to them."""
+
+    do: Literal["released"]
+    registration: Identifier
+    """The label of a register step."""
+    but_last: bool = False
+    """Of all but the last one, which is still in force."""
+
+
+Quantity: TypeAlias = Literal["cpu", "threads", "descriptors", "memory"]
+
+
 class Measure(Step, frozen=True, kw_only=True):
-    """Write down a quantity of the process: ``cpu``, the processor time that all its threads have used."""
+    """Write down a quantity of the process.
+
+    ``cpu``: the processor time that all its threads have used; ``threads`` and ``descriptors``: how many there
+    are; ``memory``: bytes that are resident, after the garbage is collected.
+    """
 
     do: Literal["measure"]
-    what: Literal["cpu"]
+    what: Quantity
 
 
 class Raise(Step, frozen=True, kw_only=True):
@@ -272,18 +307,33 @@ class Reaction(Base, frozen=True, kw_only=True):
 
 
 Doing: TypeAlias = (
-    Settle | Publish | Assert | Take | HasData | Register | Supports | Create | Destroy | Call | Spin | Measure | Raise
+    Settle
+    | Publish
+    | Assert
+    | Take
+    | HasData
+    | Register
+    | Supports
+    | Create
+    | Destroy
+    | Call
+    | Spin
+    | Released
+    | Measure
+    | Raise
 )
-AnyStep: TypeAlias = Drive | Idle | Parallel | Fault | Doing
+AnyStep: TypeAlias = Drive | Idle | Phase | Cycle | Parallel | Fault | Doing
 
 DOINGS: dict[str, type[Step]] = {
     "settle": Settle, "publish": Publish, "assert": Assert, "take": Take, "has_data": HasData, "register": Register,
-    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin, "measure": Measure,
-    "raise": Raise,
+    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin,
+    "released": Released, "measure": Measure, "raise": Raise,
 }  # fmt: skip
 """By the value of ``do``."""
 
-STEPS: dict[str, type[Step]] = {"drive": Drive, "idle": Idle, "parallel": Parallel, "fault": Fault}
+STEPS: dict[str, type[Step]] = {
+    "drive": Drive, "idle": Idle, "phase": Phase, "cycle": Cycle, "parallel": Parallel, "fault": Fault,
+}  # fmt: skip
 """By head; a step with ``do`` is one of `DOINGS`."""
 
 
@@ -469,6 +519,32 @@ class Measured(Expectation, frozen=True, kw_only=True):
     at_most: Duration
 
 
+class Counted(Expectation, frozen=True, kw_only=True):
+    """The number that a ``measure`` step found: itself, or what it is more than at the step ``since``."""
+
+    counted: Identifier
+    since: Identifier | None = None
+    is_: int | None = field(default=None, name="is")
+    at_least: int | None = None
+    at_most: int | None = None
+
+
+class Cycles(Expectation, frozen=True, kw_only=True):
+    """In each turn of a ``cycle``: what a step answered, how many samples an entity took, what an event counted.
+
+    Exactly one of ``step``, ``sampled`` and ``event``. Of events the occurrences count, of
+    LivelinessChanged the callbacks.
+    """
+
+    cycles: Identifier
+    step: Identifier | None = None
+    is_: list[str] = field(name="is", default_factory=list)
+    sampled: EntityName | None = None
+    event: KindName | None = None
+    of: EntityName | None = None
+    at_least: int = 1
+
+
 class AnyOf(Expectation, frozen=True, kw_only=True):
     """One of these groups of expectations holds as a whole."""
 
@@ -490,12 +566,15 @@ AnyExpectation: TypeAlias = (
     | Callbacks
     | Takes
     | Measured
+    | Counted
+    | Cycles
     | AnyOf
 )
 EXPECTATIONS: dict[str, type[Expectation]] = {
     "never": Never, "periodic": Periodic, "total": Total, "level": Level, "returns": Returns, "agrees": Agrees,
     "admitted": Admitted, "received": Received, "conserved": Conserved, "inside": Inside, "callback": Callback,
-    "callbacks": Callbacks, "takes": Takes, "measured": Measured, "any_of": AnyOf,
+    "callbacks": Callbacks, "takes": Takes, "measured": Measured, "counted": Counted, "cycles": Cycles,
+    "any_of": AnyOf,
 }  # fmt: skip
 
 

@@ -80,8 +80,8 @@ def test_the_backend_is_told_whom_the_fault_hits_and_its_refusal_is_recorded(
 
 
 def test_a_fault_that_nobody_can_inject_ends_the_play() -> None:
-    end = play([{"fault": "crash", "of": "pub"}], outcome="error")[-1]
-    assert end.detail == "the fault crash cannot be injected yet"
+    end = play([{"fault": "overflow", "of": "pub"}], outcome="error")[-1]
+    assert end.detail == "the fault overflow cannot be injected yet"
 
 
 def test_processor_time_grows_with_what_the_process_computes() -> None:

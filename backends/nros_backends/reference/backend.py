@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from itertools import count
 from typing import Any
 
+from nros_backends.reference.link import LARGEST, Link, decode, malformed
 from nros_conformance.model.world import Occurrence, Sample, Topic, World
 from nros_conformance.rmw.backend import (
     Backend,
@@ -18,33 +19,43 @@ from nros_conformance.rmw.backend import (
     SessionOptions,
     Subscription,
 )
-from nros_conformance.rmw.clock import MS
+from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.detection import CountTracker, LivelinessTally
 from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
 from nros_conformance.rmw.events import EventCallback, EventKind, Side
 from nros_conformance.rmw.qos import QosProfile
 
-CAPACITY = 2**20
-"""Bytes of the largest sample."""
+CONNECTION_LEASE_MS = 500
+"""As declared: how long a publisher without a lease of its own outlives a broken link."""
 
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 
 
 class ReferenceBackend(Backend):
-    """One world for all sessions of a scenario."""
+    """One world for all sessions of a scenario.
+
+    The types and small methods below are what a defective variant replaces.
+    """
+
+    world_type: type[World] = World
 
     def __init__(self, host: Host) -> None:
         super().__init__(host)
         self.clock = host.clock
-        self.world = World()
+        self.world = self.world_type()
         # On the real clock, where the control runs a planted defect, sessions are threads.
         self.lock = threading.RLock()
         self.ids = count()
         self.entities: dict[int, ReferencePublisher | ReferenceSubscription] = {}
 
+    @property
+    def session_type(self) -> type[ReferenceSession]:
+        """What `create_session` makes."""
+        return ReferenceSession
+
     def create_session(self, options: SessionOptions) -> ReferenceSession:
-        return ReferenceSession(self, options)
+        return self.session_type(self, options)
 
     def await_matched(self, publisher: Publisher, subscription: Subscription, until_ns: int) -> bool:
         assert isinstance(publisher, ReferencePublisher)
@@ -53,17 +64,90 @@ class ReferenceBackend(Backend):
             return self.world.matched(publisher.id, subscription.id)
 
     def inject(self, fault: str, **arguments: Any) -> int:
-        """``lose`` and ``preset``."""
-        entity = arguments.get("entity")
-        if fault == "lose" and isinstance(entity, ReferencePublisher):
-            entity.unheard = True
-            try:
-                return int(min(arguments["publish"]() for _ in range(arguments["count"])))
-            finally:
-                entity.unheard = False
+        """All that the declaration lists; processes and their clocks are simulated too."""
+        entity, session = arguments.get("entity"), arguments.get("session")
+        if isinstance(session, ReferenceSession):
+            with self.lock:
+                return self._hit(fault, session, arguments)
         if fault == "preset" and isinstance(entity, ReferencePublisher | ReferenceSubscription):
             return entity.preset(arguments["kind"], arguments["count"])
+        if isinstance(entity, ReferencePublisher):
+            entity.unheard = fault == "lose"
+            try:
+                codes = []
+                for _ in range(arguments["count"]):
+                    codes.append(arguments["publish"]())
+                    if fault == "duplicate":
+                        self._again(entity)
+                return int(min(codes))
+            finally:
+                entity.unheard = False
         return ReturnCode.UNSUPPORTED
+
+    def _again(self, publisher: ReferencePublisher) -> None:
+        """What it sent last arrives once more. Reordering shows nowhere: the link puts samples in order."""
+        for subscription in self.heard_by(publisher):
+            subscription.repeated(publisher.id, self.clock.now_ns())
+
+    def _hit(self, fault: str, session: ReferenceSession, arguments: dict[str, Any]) -> int:
+        link = session.link
+        match fault:
+            case "partition":
+                link.out = link.inward = False
+            case "block":
+                link.out, link.inward = link.out and arguments["direction"] != "out", arguments["direction"] == "out"
+            case "heal":
+                link.heal()
+                session.signal.set()
+            case "crash" | "freeze":
+                link.down = True
+            case "thaw":
+                link.down = False
+            case "stall":
+                link.stalled = True
+            case "delay":
+                link.delay_ns = arguments["by_ns"]
+            case "clock_step":
+                session.wall_clock_step_ns += arguments["by_ns"]
+            case "inject":
+                publisher = next((id_ for id_, one in self.entities.items() if one.side is Side.PUBLISHER), 0)
+                for packet in malformed(publisher, arguments["count"], arguments["seed"]):
+                    session.receive(packet)
+        self.relink()
+        return ReturnCode.OK
+
+    def heard_by(self, publisher: ReferencePublisher) -> list[ReferenceSubscription]:
+        """The subscriptions that a publisher reaches now."""
+        return [
+            entity
+            for entity in self.entities.values()
+            if isinstance(entity, ReferenceSubscription)
+            and self.world.matched(publisher.id, entity.id)
+            and self.reaches(publisher.session, entity.session)
+        ]
+
+    def reaches(self, sender: ReferenceSession, receiver: ReferenceSession) -> bool:
+        """Whether what one session sends arrives at the other."""
+        if sender.link.down or receiver.link.down:
+            return False
+        return sender is receiver or (sender.link.out and receiver.link.inward)
+
+    def relink(self) -> None:
+        """Have the world know who reaches whom."""
+        now = self.clock.now_ns()
+        pairs = [
+            (one, other)
+            for one in self.entities.values()
+            if isinstance(one, ReferencePublisher)
+            for other in self.entities.values()
+            if isinstance(other, ReferenceSubscription)
+        ]
+        for publisher, subscription in pairs:
+            if self.reaches(publisher.session, subscription.session):
+                self.tell(self.world.restore(publisher.id, subscription.id, now))
+            elif self.world.matched(publisher.id, subscription.id):
+                lease = publisher.session.options.connection_lease_ms or CONNECTION_LEASE_MS
+                self.tell(self.world.sever(publisher.id, subscription.id, lease, now))
 
     def tell(self, occurrences: Iterable[Occurrence]) -> None:
         """Hand occurrences to the entities that they concern, and wake their sessions."""
@@ -77,20 +161,37 @@ class ReferenceBackend(Backend):
 class ReferenceSession(Session):
     """A session: its own ready queue over the shared world."""
 
+    queue_type: type[ReadyQueue] = ReadyQueue
+
     def __init__(self, backend: ReferenceBackend, options: SessionOptions) -> None:
         self.backend = backend
         self.clock = backend.clock
         self.options = options
-        self.queue = ReadyQueue()
+        self.queue = self.queue_type()
+        self.link = Link()
+        self.wall_clock_step_ns = 0
+        """By how much the wall clock of its process was stepped; nothing looks at it (RDM-006)."""
         self.signal = self.clock.signal()
         self.entities: list[ReferencePublisher | ReferenceSubscription] = []
         self.destroyed = False
 
+    @property
+    def publisher_type(self) -> type[ReferencePublisher]:
+        """What `create_publisher` makes."""
+        return ReferencePublisher
+
+    @property
+    def subscription_type(self) -> type[ReferenceSubscription]:
+        """What `create_subscription` makes."""
+        return ReferenceSubscription
+
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> ReferencePublisher:
-        return ReferencePublisher(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+        key, qos = self.admit(topic, type_name, qos)
+        return self.publisher_type(self, key, topic, type_name, qos)
 
     def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> ReferenceSubscription:
-        return ReferenceSubscription(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+        key, qos = self.admit(topic, type_name, qos)
+        return self.subscription_type(self, key, topic, type_name, qos)
 
     def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
         if self.destroyed:
@@ -110,16 +211,29 @@ class ReferenceSession(Session):
 
     def poll(self) -> bool:
         """Let the world catch up with the clock; whether a callback is ready."""
+        if self.link.down:
+            return False  # a process that does not run
         with self.backend.lock:
-            self.backend.tell(self.backend.world.advance(self.clock.now_ns()))
+            now = self.clock.now_ns()
+            for arrival in [one for one in self.link.held if one[0] <= now]:
+                self.link.held.remove(arrival)
+                arrival[1]()
+            self.backend.tell(self.backend.world.advance(now))
             for entity in self.entities:
                 entity.registry.poll()
         return len(self.queue) > 0
 
     def next_due_ns(self) -> int:
         """When the world does something by itself next."""
+        if self.link.down:
+            return NEVER
         with self.backend.lock:
-            return self.backend.world.next_due_ns
+            return min([self.backend.world.next_due_ns, *(when for when, _ in self.link.held)])
+
+    def receive(self, packet: bytes) -> None:
+        """A packet that came from nobody known. What is no frame of ours is dropped (ROB-001)."""
+        frame = decode(packet)
+        assert frame is None, "nobody but the harness sends here, and it sends nothing valid"
 
     def destroy(self) -> int:
         for entity in list(self.entities):
@@ -128,7 +242,8 @@ class ReferenceSession(Session):
         self.signal.set()
         return ReturnCode.OK
 
-    def _admit(self, topic: str, type_name: str, qos: QosProfile) -> Topic:
+    def admit(self, topic: str, type_name: str, qos: QosProfile) -> tuple[Topic, QosProfile]:
+        """What identifies the topic, and the QoS in force. Raises `RmwError`."""
         if self.destroyed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         qos.check()
@@ -137,13 +252,16 @@ class ReferenceSession(Session):
         for entity in self.backend.entities.values():
             if (entity.key[0], entity.topic) == (self.options.domain_id, topic) and entity.type_name != type_name:
                 raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{topic} has the type {entity.type_name}")
-        return (self.options.domain_id, topic, type_name)
+        return (self.options.domain_id, topic, type_name), qos
 
 
 class _Entity:
     """What both ends share: an identity in the world, and a registry over count and liveliness sources."""
 
     side: Side
+    registry_type: type[EventRegistry] = EventRegistry
+    tracker_type: type[CountTracker] = CountTracker
+    tally_type: type[LivelinessTally] = LivelinessTally
 
     def __init__(self, session: ReferenceSession, key: Topic, topic: str, type_name: str, qos: QosProfile) -> None:
         self.session = session
@@ -154,11 +272,11 @@ class _Entity:
         self.qos = qos
         self.id = next(self.backend.ids)
         self.sources: dict[EventKind, LivelinessTally | CountTracker] = {
-            kind: LivelinessTally() if kind is EventKind.LIVELINESS_CHANGED else CountTracker()
+            kind: self.tally_type() if kind is EventKind.LIVELINESS_CHANGED else self.tracker_type()
             for kind in EventKind
             if kind.side is self.side
         }
-        self.registry = EventRegistry(session.queue, self.sources, qos_deadline_ms=qos.deadline_ms)
+        self.registry = self.registry_type(session.queue, self.sources, qos_deadline_ms=qos.deadline_ms)
         self.destroyed = False
         self.backend.entities[self.id] = self  # type: ignore[assignment]
         session.entities.append(self)  # type: ignore[arg-type]
@@ -224,15 +342,23 @@ class ReferencePublisher(_Entity, Publisher):
     def publish_raw(self, data: bytes) -> int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
-        if len(data) > CAPACITY:
+        if len(data) > LARGEST:
             return ReturnCode.MESSAGE_TOO_LARGE
         with self.backend.lock:
-            now = self.backend.clock.now_ns()
-            self.backend.tell(self.backend.world.publish(self.id, data, now, lost=self.unheard))
-            for entity in self.backend.entities.values():
-                if isinstance(entity, ReferenceSubscription) and self.backend.world.matched(self.id, entity.id):
-                    entity.arrived(self.id, now)
+            link, now = self.session.link, self.backend.clock.now_ns()
+            if link.stalled or link.delay_ns:
+                when = NEVER if link.stalled else now + link.delay_ns
+                link.held.append((when, lambda: self.send(data)))
+            else:
+                self.send(data)
         return ReturnCode.OK
+
+    def send(self, data: bytes) -> None:
+        """Put a sample on the wire; with the lock held."""
+        now = self.backend.clock.now_ns()
+        self.backend.tell(self.backend.world.publish(self.id, data, now, lost=self.unheard))
+        for subscription in self.backend.heard_by(self):
+            subscription.arrived(self.id, now)
 
     def assert_liveliness(self) -> int:
         if self.destroyed:
@@ -268,6 +394,9 @@ class ReferenceSubscription(_Entity, Subscription):
         if sample is not None:
             self.registry.message(now_ns, lambda: self._waits(sample))
             self.session.signal.set()
+
+    def repeated(self, publisher: int, now_ns: int) -> None:
+        """The newest sample of a publisher came once more: known already, so nothing comes of it (MSL-004)."""
 
     def _waits(self, sample: Sample) -> bool:
         with self.backend.lock:
