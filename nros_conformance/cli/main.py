@@ -104,6 +104,11 @@ def _parser() -> argparse.ArgumentParser:
     rejudge = _command(commands, "rejudge", "judge stored traces again")
     rejudge.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="default: the results directory")
 
+    mutants = _command(commands, "mutants", "play defective backends: each has to be caught by the suites")
+    mutants.add_argument("--backend", default="reference", metavar="NAME", help="whose mutants; default: reference")
+    mutants.add_argument("--mutant", action="append", default=[], metavar="NAME", help="only this mutant")
+    mutants.add_argument("--json", action="store_true", help="print the report as JSON instead of text")
+
     explain = _command(commands, "explain", "why a scenario or cell says what it says")
     explain.add_argument(
         "subject", nargs="+", metavar="SUBJECT",
