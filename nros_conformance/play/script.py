@@ -298,7 +298,7 @@ class Script:
     def _publish(self, actor: Actor, label: str, size: int | None, args: dict[str, Any]) -> int:
         actor.sequence += 1
         identity = payload.Identity(self.stage.run_tag, actor.index, self.stage.label_index(label), actor.sequence)
-        data = payload.encode(identity, size or payload.MIN_SIZE)
+        data = b"" if size == 0 else payload.encode(identity, size or payload.MIN_SIZE)
         args |= {"sequence": actor.sequence, "size": len(data)}
         return int(_publisher(actor).publish_raw(data))
 

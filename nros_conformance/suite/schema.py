@@ -183,7 +183,7 @@ class Publish(Repeated, frozen=True, kw_only=True):
     do: Literal["publish"]
     by: EntityName
     size: int | None = None
-    """Bytes of the serialized sample, when it matters."""
+    """Bytes of the serialized sample, when it matters. One of 0 bytes cannot say who sent it."""
 
 
 class Assert(Repeated, frozen=True, kw_only=True):

@@ -57,9 +57,13 @@ class _FirstOnly(_Deliver):
         return sample.publisher == next(iter(subscription.heard))
 
 
-class _NotAfterAMiss(_Deliver):
-    def restarts(self, subscription: _Subscription, sample: Sample, empty: bool) -> bool:
-        return subscription.requested.counted == 0
+class _NotAfterAMiss(World):
+    def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
+        before = subscription.requested.anchor, subscription.requested.counted
+        found = super()._deliver(id_, subscription, sample, at_ns)
+        if before[1]:
+            subscription.requested.anchor, subscription.requested.counted = before
+        return found
 
 
 class _FixedWindows(_Deliver):

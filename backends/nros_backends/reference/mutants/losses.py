@@ -153,21 +153,11 @@ class _DuplicateIsLoss(ReferenceSubscription):
         self.backend.tell([Occurrence(now_ns, self.id, EventKind.MESSAGE_LOST, (1,))])
 
 
-class _ExpiredIsLost(ReferenceSubscription):
-    def _expire(self) -> None:
-        if not self.destroyed:
-            now, queue = self.backend.clock.now_ns(), self.backend.world._subscriptions[self.id].queue
-            for sample in queue:
-                if sample.expires_ns <= now:
-                    self.backend.tell([Occurrence(now, self.id, EventKind.MESSAGE_LOST, (1,))])
-
-    def has_data(self) -> bool | int:
-        self._expire()
-        return super().has_data()
-
-    def try_recv_raw(self, max_size: int) -> bytes | int:
-        self._expire()
-        return super().try_recv_raw(max_size)
+class _ExpiredIsLost(World):
+    def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
+        expired = sum(one.expires_ns <= at_ns for one in subscription.queue)
+        found = super()._deliver(id_, subscription, sample, at_ns)
+        return found + ([Occurrence(at_ns, id_, EventKind.MESSAGE_LOST, (expired,))] if expired else [])
 
 
 def mutants() -> Iterator[Mutant]:
@@ -190,7 +180,7 @@ def mutants() -> Iterator[Mutant]:
     yield mutant("no-overflow", "", "MSL-001", "an overflow is not reported", world=_NoOverflow)
     yield mutant("false-loss", "", "MSL-002", "one in sixteen samples counts as lost besides", world=_FalseLoss)
     yield mutant(
-        "expired-is-lost", "", "MSL-006", "a sample whose lifespan is over counts as lost", subscription=_ExpiredIsLost
+        "expired-is-lost", "", "MSL-006", "a sample whose lifespan is over counts as lost", world=_ExpiredIsLost
     )
     yield mutant(
         "overflow-with-the-next", "", "MSL-007", "an overflow shows with the next sample", world=_OverflowWithTheNext
