@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 from nros_conformance.campaign.host import HostCheck, check_host
 from nros_conformance.campaign.selection import decide, proven
 from nros_conformance.judge.tolerances import LATE_FLOOR_NS
+from nros_conformance.play.faketime import INSTALL, find_faketime
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.suite.kinds import faults_needed
@@ -34,13 +35,6 @@ LIMIT_S = 5.0
 
 LATENESS_S = 2.0
 """How long the lateness of a sleeping thread is measured."""
-
-FAKETIME_PLACES: tuple[tuple[str, str], ...] = tuple(
-    (root, pattern)
-    for root in ("/usr/lib", "/usr/lib64", "/usr/local/lib")
-    for pattern in ("faketime/libfaketime.so.1", "*/faketime/libfaketime.so.1")
-)
-"""Where distributions put the library that is preloaded to step the wall clock."""
 
 PROCESS_FAULTS = ("crash", "freeze", "thaw")
 """The faults that the harness injects into a child process by signals."""
@@ -132,7 +126,7 @@ def check_faketime(library: Path | None, suites: Suites, rows: Sequence[Declarat
         return Check("libfaketime", "ok", f"libfaketime: {library}")
     return Check(
         "libfaketime", "missing", costs=evidence_lost(CLOCK_FAULTS, suites, rows),
-        remedy=("apt install libfaketime", *_besides(CLOCK_FAULTS, suites, rows)),
+        remedy=(INSTALL, *_besides(CLOCK_FAULTS, suites, rows)),
     )  # fmt: skip
 
 
@@ -236,11 +230,6 @@ def try_child(
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
     return ""
-
-
-def find_faketime(places: Iterable[tuple[str, str]] = FAKETIME_PLACES) -> Path | None:
-    """The library, in the first of (root, pattern) that holds it."""
-    return next((file for root, pattern in places for file in sorted(Path(root).glob(pattern))), None)
 
 
 def _besides(faults: Iterable[str], suites: Suites, rows: Sequence[Declaration]) -> list[str]:

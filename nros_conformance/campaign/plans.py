@@ -28,6 +28,9 @@ class Row:
     clock: str = ""
     """Another clock than the declared one; the control plays the reference on the real one too."""
 
+    asked: str = ""
+    """The name by which the command finds the backend, if not its own: ``module:Class``."""
+
     @property
     def name(self) -> str:
         """The folder of its results."""

@@ -16,6 +16,7 @@ from nros_conformance.campaign.host import describe_host
 from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide, proven
 from nros_conformance.judge.judge import judge
+from nros_conformance.play.faketime import lacking
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
 from nros_conformance.report.differences import differences
 from nros_conformance.report.known import covering, in_force
@@ -43,6 +44,9 @@ AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
+TOGETHER, AT_LEAST = 36, 6
+"""All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
+
 
 @dataclasses.dataclass(slots=True)
 class Progress:
@@ -59,7 +63,7 @@ class RowRun:
 
     def __init__(
         self, row: Row, suites: Suites, selection: Selection, results: Path, *, ports: range, control: Control | None,
-        watch: Callable[[Progress], None],
+        watch: Callable[[Progress], None], at_once: int = AT_ONCE,
     ) -> None:  # fmt: skip
         self.row = row
         self.suites = suites
@@ -67,6 +71,7 @@ class RowRun:
         self.results = results
         self.folder = results / row.name
         self._ports = ports
+        self._at_once = at_once
         self._control = control
         self.watch = watch
         self._lock = threading.Lock()
@@ -77,8 +82,9 @@ class RowRun:
         self._to_play: dict[str, Loaded] = {}
         self._pool: Pool | None = None
         self.broken = ""
+        missing = lacking()
         for one in selection.choose(suites):
-            decision = decide(one, row.declaration)
+            decision = decide(one, row.declaration, missing)
             if decision.status == "play":
                 self._to_play[one.key] = one
             else:
@@ -88,6 +94,10 @@ class RowRun:
     def total(self) -> int:
         """Scenarios to play."""
         return len(self._to_play)
+
+    def settled(self, result: ScenarioResult) -> bool:
+        """Whether no further attempt will follow."""
+        return result.verdict != "inconclusive" or self.row.virtual or len(result.attempts) >= ATTEMPTS
 
     def play(self) -> Report:
         """Play all, write ``report.json``; also when interrupted."""
@@ -132,7 +142,7 @@ class RowRun:
         # The longest first, so that nothing long is left over at the end.
         together.sort(key=lambda plan: -plan.expected_ns)
         if together:
-            pool.play(together, max(1, min(AT_ONCE >> (number - 1), self.row.declaration.bounds.sessions // 2)))
+            pool.play(together, max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2)))
         if alone:
             pool.play(alone, 1)
         for plan in plans:
@@ -191,6 +201,7 @@ class RowRun:
             row=self.row.name,
             backend=self.row.declaration.name,
             variant=self.row.variant,
+            asked=self.row.asked,
             available=not self.broken,
             unavailable_reason=self.broken,
             declaration=self.row.declaration,

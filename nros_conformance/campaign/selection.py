@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from types import MappingProxyType
 from typing import Literal
 
 from nros_conformance.formats.places import nearest
@@ -30,11 +31,13 @@ class Selection:
     scenarios: tuple[str, ...] = ()
     """Ids or keys, with ``*`` as in file names."""
     requirements: tuple[str, ...] = ()
+    keys: frozenset[str] | None = None
+    """Exactly these scenarios, whatever else is said."""
 
     @property
     def narrowed(self) -> bool:
         """Whether anything but the profile limits it."""
-        return bool(self.suites or self.scenarios or self.requirements)
+        return bool(self.suites or self.scenarios or self.requirements) or self.keys is not None
 
     def choose(self, suites: Suites) -> list[Loaded]:
         """The selected scenarios. Raises `SelectionError` for a name that fits nothing."""
@@ -47,6 +50,8 @@ class Selection:
         return [one for one in everything if self._chosen(one)]
 
     def _chosen(self, one: Loaded) -> bool:
+        if self.keys is not None:
+            return one.key in self.keys
         if self.scenarios:  # somebody who names a scenario means it, whatever its profile
             return any(_fits(one, pattern) for pattern in self.scenarios)
         return (
@@ -67,8 +72,8 @@ class Decision:
 PLAY = Decision("play")
 
 
-def decide(one: Loaded, declaration: Declaration) -> Decision:
-    """By the declaration alone, before anything runs."""
+def decide(one: Loaded, declaration: Declaration, unavailable: Mapping[str, str] = MappingProxyType({})) -> Decision:
+    """By the declaration, and by what the host lacks (fault -> why it cannot be injected), before anything runs."""
     scenario = one.scenario
     claims = declaration.claims()
     if scenario.refusal is not None and claims[scenario.refusal] != "no":
@@ -93,6 +98,9 @@ def decide(one: Loaded, declaration: Declaration) -> Decision:
     missing = sorted(fault for fault in faults_needed(scenario) if not injectable(fault, declaration.faults))
     if missing:
         return Decision("untested", f"the fault {missing[0]} cannot be injected here")
+    lost = sorted(faults_needed(scenario) & set(unavailable)) if declaration.behaviour.clock == "real" else []
+    if lost:
+        return Decision("untested", f"the fault {lost[0]} cannot be injected on this machine: {unavailable[lost[0]]}")
     return PLAY
 
 
@@ -103,10 +111,14 @@ def proven(one: Loaded) -> tuple[str, ...]:
 
 
 def _declares(declared: object, wanted: object) -> bool:
+    if isinstance(wanted, list):
+        return any(_declares(declared, one) for one in wanted)
     return wanted in declared if isinstance(declared, list) else declared == wanted
 
 
 def _show(value: object) -> str:
+    if isinstance(value, list):
+        return " or ".join(map(_show, value))
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -35,5 +35,6 @@ def user_errors() -> tuple[type[Exception], ...]:
     from nros_conformance.explore.explore import HypothesisMissing
     from nros_conformance.play.leases import NoPorts
     from nros_conformance.report.results import ReportError
+    from nros_conformance.scaffold.project import ScaffoldError
 
-    return (SelectionError, NoPorts, ReportError, HypothesisMissing)
+    return (SelectionError, NoPorts, ReportError, HypothesisMissing, ScaffoldError)

@@ -20,12 +20,15 @@ RESULTS = Path(".nros-conformance")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code (DESIGN 5: pytest's meanings)."""
-    options = _parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    options = _parser(arguments).parse_args(arguments)
     # Subjects of errors: importing them costs little, and every command may raise them.
     from nros_conformance.formats.places import FormatError
     from nros_conformance.rmw.discovery import BackendNotFound
 
     try:
+        if "run" in options:  # a command that a backend brought
+            return int(options.run(options))
         command = importlib.import_module(f"nros_conformance.cli.{options.module}")
         code: ExitCode = command.run(options)
     except (FormatError, BackendNotFound) as error:
@@ -52,7 +55,7 @@ def _fail(text: str, code: ExitCode) -> int:
     return int(code)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="nros-conformance",
         description="Shows what nano-ros middleware backends really do with status events, ping and reconnection.",
@@ -73,6 +76,10 @@ def _parser() -> argparse.ArgumentParser:
         "--max-unclear", type=int, default=0, metavar="N",
         help="tolerate N scenarios that stay unclear after repeats (default 0)",
     )  # fmt: skip
+    run.add_argument(
+        "--known", type=Path, metavar="FILE", help="[[known]] entries of your own, added to those of backend.toml"
+    )
+    run.add_argument("--junit", type=Path, metavar="FILE", help="also write the verdicts as JUnit XML")
     run.add_argument("--json", action="store_true", help="print the reports as JSON instead of text")
 
     lister = _command(commands, "list", "list backends, suites, scenarios or requirements", module="listing")
@@ -124,6 +131,15 @@ def _parser() -> argparse.ArgumentParser:
         "subject", nargs="+", metavar="SUBJECT",
         help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
     )  # fmt: skip
+
+    new = _command(commands, "new-backend", "write the package of a new backend", module="new_backend")
+    new.add_argument("name", metavar="NAME", help="lower case, as in: mqtt")
+    new.add_argument("--into", type=Path, metavar="DIR", help="default: nros-NAME in this directory")
+
+    if next((word for word in arguments if not word.startswith("-")), None) not in commands.choices:
+        from nros_conformance.cli.extras import add_extras  # so that our own commands do not wait for them
+
+        add_extras(commands)
     return parser
 
 

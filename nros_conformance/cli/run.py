@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import dataclasses
 import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
 
+import msgspec
+
 from nros_conformance import __version__
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.run import Progress, RowRun
-from nros_conformance.campaign.selection import Selection
+from nros_conformance.campaign.rows import rows_of, with_known
+from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
+from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.progress import ProgressLine
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
 from nros_conformance.report.evidence import evidence, failures
 from nros_conformance.report.explain import failure
+from nros_conformance.report.junit import junit
 from nros_conformance.report.results import Control, Report, encode_report
-from nros_conformance.rmw.backend import Host
-from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.discovery import Found, find_backend, find_backends
 from nros_conformance.suite.loader import Suites, load_suites
 
@@ -34,6 +38,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.profile, tuple(options.suite), tuple(options.scenario), tuple(options.requirement)
     )  # fmt: skip
     chosen = selection.choose(suites)
+    if options.known is not None and len(options.backend) != 1:
+        raise SelectionError("a list of known failures is about one backend; name it: --backend NAME --known FILE")
     backends, codes = _backends(options.backend)
     if not backends:
         return strongest([*codes, ExitCode.NOTHING])
@@ -43,10 +49,14 @@ def run(options: argparse.Namespace) -> ExitCode:
     control = _control(suites, selection, options, say)
     if not control.ok:
         return ExitCode.INTERNAL
-    rows = [row for found in backends for row in _rows(found)]
-    with lease_ports() as ports:
+    rows = [row for found in backends for row in _rows(found, suites, options)]
+    real = max(1, sum(not row.virtual for row in rows))
+    with contextlib.ExitStack() as stack:
         runs = [
-            RowRun(row, suites, selection, options.results, ports=ports, control=control, watch=lambda progress: None)
+            RowRun(
+                row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
+                watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+            )
             for row in rows
         ]  # fmt: skip
         for one in runs:
@@ -64,6 +74,9 @@ def run(options: argparse.Namespace) -> ExitCode:
         codes += judge_codes(report, suites.levels, options.max_unclear)
     if not any(result.attempts for report in reports for result in report.results):
         codes.append(ExitCode.NOTHING)
+    if options.junit is not None:
+        options.junit.parent.mkdir(parents=True, exist_ok=True)
+        options.junit.write_bytes(junit(reports, {one.id: one for one in suites.requirements}))
     say(terminal.closing(reports, suites.levels, options.results, selection))
     code = strongest(codes)
     say(f"\nexit {int(code)}{terminal.meaning(int(code), reports)}")
@@ -89,7 +102,7 @@ def judge_codes(report: Report, levels: Mapping[str, str], max_unclear: int) -> 
 
 def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     """The backends to play. A missing one is said with the command that installs it."""
-    found = [find_backend(name) for name in names] if names else list(find_backends().values())
+    found = [_named(name) for name in names] if names else list(find_backends().values())
     usable, codes = [], []
     for one in found:
         if one.error is not None:
@@ -109,11 +122,23 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
     return usable, codes
 
 
-def _rows(found: Found) -> list[Row]:
-    assert found.declaration is not None
-    versions = found.load()(Host(clock=MonotonicClock())).versions()
-    variants = [name for name, facts in found.declaration.variants.items() if facts.get("default", True)]
-    return [Row(found.declaration, found.adapter, variant, versions) for variant in variants or [""]]
+def _named(name: str) -> Found:
+    """A backend, or one of its rows: ``zenoh``, ``zenoh-peer``."""
+    for found in find_backends().values():
+        variant = name.removeprefix(f"{found.name}-")
+        if found.declaration is not None and variant != name and variant in found.declaration.variants:
+            only = {variant: {**found.declaration.variants[variant], "default": True}}
+            return dataclasses.replace(found, declaration=msgspec.structs.replace(found.declaration, variants=only))
+    return find_backend(name)
+
+
+def _rows(found: Found, suites: Suites, options: argparse.Namespace) -> list[Row]:
+    declaration = found.declaration
+    assert declaration is not None
+    if options.known is not None:
+        declaration = with_known(declaration, options.known, suites)
+    asked = found.adapter if found.adapter in options.backend else ""
+    return rows_of(found, declaration, asked)
 
 
 def _control(suites: Suites, selection: Selection, options: argparse.Namespace, say: terminal.Say) -> Control:

@@ -90,6 +90,8 @@ class _Told:
         self.happened: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
         self.perhaps: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
         """What happened, and what did not, so close to an action that a late one may change it."""
+        self.driven = 0
+        """When the last drive ended: what happened since dies undelivered with its entity."""
         self._ids: dict[str, int] = {}
         self._names: dict[Id, str] = {}
         for name in ENTITIES:
@@ -117,10 +119,13 @@ class _Told:
         name, id_ = action.subject, self._ids.get(action.subject)
         if action.verb not in TIME:
             self.doubt()
+        if action.verb == "destroy":
+            self.perhaps += [one for one in self.happened if one[0] >= self.driven - self.slack_ns and one[1] == name]
         match action.verb:
             case "drive" | "idle":
                 self.now += action.count * TICK
                 self.note(self.world.advance(self.now))
+                self.driven = self.now if action.verb == "drive" else self.driven
             case "publish" | "lose":
                 for _ in range(action.count):
                     self.note(self.world.publish(id_, b"", self.now, lost=action.verb == "lose"))

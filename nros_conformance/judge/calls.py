@@ -133,6 +133,31 @@ def measured(index: Index, expected: schema.Measured) -> Judged:
     return Judged(decide(grown > most, False), wanted, milliseconds(grown), grown - most)
 
 
+def counted(index: Index, expected: schema.Counted) -> Judged:
+    """A number that was measured, or by how much it is more than at another measurement."""
+    since = f" more than at {expected.since}" if expected.since is not None else ""
+    bounds = [f"{expected.is_}"] if expected.is_ is not None else []
+    bounds += [f"at least {expected.at_least}"] if expected.at_least is not None else []
+    bounds += [f"at most {expected.at_most}"] if expected.at_most is not None else []
+    wanted = f"{expected.counted} is {' and '.join(bounds)}{since}"
+    values: list[int] = []
+    for label in (expected.counted, expected.since):
+        if label is None:
+            continue
+        found = [one for one in index.measures if one.label == label]
+        if not found and index.acts_of(label):
+            return Judged("none", wanted, "the peer cannot be asked")
+        if not found:
+            return not_made(index, label)._replace(wanted=wanted)
+        values.append(int(found[-1].value))
+    number = values[0] - (values[1] if since else 0)
+    least = expected.is_ if expected.is_ is not None else expected.at_least
+    most = expected.is_ if expected.is_ is not None else expected.at_most
+    wrong = (least is not None and number < least) or (most is not None and number > most)
+    at = index.acts_of(expected.counted)[-1].begin
+    return Judged("fail" if wrong else "pass", wanted, str(number), at=at)
+
+
 def takes(index: Index, expected: schema.Takes) -> Judged:
     """How long each call took: as measured, less at most the time its thread waited for a processor."""
     most = expected.at_most.ns(index.quantities) if expected.at_most is not None else None

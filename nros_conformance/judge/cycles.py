@@ -1,8 +1,7 @@
-"""Expectations about the turns of a cycle step, and about what the process uses."""
+"""Expectations about the turns of a cycle step."""
 
 from __future__ import annotations
 
-from nros_conformance.judge.callbacks import not_made
 from nros_conformance.judge.calls import fits, told
 from nros_conformance.judge.findings import Judged
 from nros_conformance.judge.index import Index
@@ -42,35 +41,6 @@ def _amount(played: Cycles, expected: schema.Cycles) -> Judged:
     few, many = found
     got = f"{few} to {many} in {played.times} cycles" if few != many else f"{few} in each of {played.times} cycles"
     return Judged("pass" if few >= expected.at_least else "fail", wanted, got, at=played.begin)
-
-
-def counted(index: Index, expected: schema.Counted) -> Judged:
-    """A number that was measured, or by how much it grew."""
-    values: list[int] = []
-    what = ""
-    for label in (expected.counted, expected.since):
-        if label is None:
-            continue
-        found = [one for one in index.measures if one.label == label]
-        if not found:
-            return not_made(index, label)
-        what = found[-1].what
-        values.append(round(found[-1].value))
-    number = values[0] if expected.since is None else values[0] - values[1]
-    least = expected.is_ if expected.is_ is not None else expected.at_least
-    most = expected.is_ if expected.is_ is not None else expected.at_most
-    bounds = [f"at least {_number(least, what)}"] if least is not None else []
-    bounds += [f"at most {_number(most, what)}"] if most is not None else []
-    if expected.is_ is not None:
-        bounds = [f"exactly {_number(expected.is_, what)}"]
-    grown = f" more than at {expected.since}" if expected.since is not None else ""
-    wanted = f"{what} at {expected.counted}: {' and '.join(bounds)}{grown}"
-    wrong = (least is not None and number < least) or (most is not None and number > most)
-    return Judged("fail" if wrong else "pass", wanted, _number(number, what) + grown)
-
-
-def _number(number: int, quantity: str) -> str:
-    return f"{number / 1024:.0f} kB" if quantity == "memory" else str(number)
 
 
 def _times(count: int) -> str:

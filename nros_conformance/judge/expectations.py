@@ -37,7 +37,7 @@ JUDGES: dict[type[schema.Base], _Entry] = {
     schema.AnyOf: (lambda one: f"any of {len(one.any_of)} groups", lambda index, one: _any_of(index, one)),
     schema.Admitted: (lambda one: f"admitted {one.admitted}", calls.admitted),
     schema.Measured: (lambda one: f"measured {one.measured} from {one.from_} to {one.to}", calls.measured),
-    schema.Counted: (lambda one: f"counted {one.counted}", cycles.counted),
+    schema.Counted: (lambda one: f"counted {one.counted}", calls.counted),
     schema.Cycles: (
         lambda one: f"each cycle of {one.cycles}: {one.step or one.sampled or f'{one.event} of {one.of}'}",
         cycles.cycles,

@@ -9,7 +9,7 @@ caller's times must not decrease.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterator
 from typing import NamedTuple, TypeAlias
 
 from nros_conformance.rmw.clock import MS, NEVER
@@ -105,6 +105,8 @@ class World:
     def __init__(self) -> None:
         self._publishers: dict[Id, _Publisher] = {}
         self._subscriptions: dict[Id, _Subscription] = {}
+        self._apart: dict[Id, bool] = {}
+        """Entities that nothing connects with the others, and whether for good."""
 
     # Actions. Each first lets time pass to ``at_ns``; all occurrences come back, oldest first.
 
@@ -121,7 +123,7 @@ class World:
         subscription = _Subscription(topic, qos, _Periodic(_ns(qos.deadline_ms)))
         self._subscriptions[id_] = subscription
         for publisher_id, publisher in self._publishers.items():
-            if matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos):
+            if self.matched(publisher_id, id_):
                 found += self._believe(id_, subscription, publisher_id, at_ns, publisher.alive)
                 subscription.heard[publisher_id] = publisher.sequence
                 if subscription.qos.durability:
@@ -134,18 +136,23 @@ class World:
         """An orderly goodbye: what it counted as is taken back (LVC-002, LVC-003)."""
         found = list(self.advance(at_ns))
         publisher = self._publishers.pop(id_)
+        self._apart.pop(id_, None)
         return found + self._tell(id_, publisher, at_ns, None)
 
     def destroy_subscription(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """Nothing is told to anybody."""
         found = list(self.advance(at_ns))
         del self._subscriptions[id_]
+        self._apart.pop(id_, None)
         return found
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
         """A successful publish: restarts the offered deadline, asserts liveliness, is received.
 
         ``lost``: the wire swallows it; the gap shows with the next sample of this publisher (MSL-001).
+        ``deaf``: subscriptions that it does not reach.
         """
         found = list(self.advance(at_ns - 1))  # at the very moment of a deadline or expiry is in time
         publisher = self._publishers[id_]
@@ -158,7 +165,9 @@ class World:
             publisher.history = [*publisher.history, sample][-max(publisher.qos.depth, 1) :]
         if not lost:
             for subscription_id, subscription in self._subscriptions.items():
-                if id_ not in subscription.severed and self.matched(id_, subscription_id):
+                if id_ in subscription.severed or subscription_id in deaf:
+                    continue
+                if self.matched(id_, subscription_id):
                     found += self._deliver(subscription_id, subscription, sample, at_ns)
         return found
 
@@ -232,6 +241,34 @@ class World:
         sender = self._publishers.get(publisher)
         return found + self._believe(subscription, receiver, publisher, at_ns, sender.alive if sender else None)
 
+    def part(self, id_: Id, at_ns: int, *, for_good: bool = False) -> list[Occurrence]:
+        """An entity has lost the others: to its subscriptions a publisher is not alive, ``for_good`` it is gone."""
+        found = list(self.advance(at_ns))
+        self._apart[id_] = for_good or self._apart.get(id_, False)
+        for publisher, subscription in self._pairs(id_):
+            receiver = self._subscriptions[subscription]
+            if publisher in receiver.believes:
+                alive = None if self._apart.get(publisher) else False
+                found += self._believe(subscription, receiver, publisher, at_ns, alive)
+        return found
+
+    def rejoin(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        """The way is free again, unless it had parted for good."""
+        found = list(self.advance(at_ns))
+        if self._apart.get(id_) is False:
+            del self._apart[id_]
+        for publisher, subscription in self._pairs(id_):
+            if self.matched(publisher, subscription):
+                receiver, alive = self._subscriptions[subscription], self._publishers[publisher].alive
+                found += self._believe(subscription, receiver, publisher, at_ns, alive)
+        return found
+
+    def _pairs(self, id_: Id) -> list[tuple[Id, Id]]:
+        """A publisher and all that it could reach, or a subscription and all that could reach it."""
+        if id_ in self._subscriptions:
+            return [(publisher, id_) for publisher in self._publishers]
+        return [(id_, subscription) for subscription in self._subscriptions]
+
     # Time.
 
     @property
@@ -269,6 +306,8 @@ class World:
 
     def matched(self, publisher: Id, subscription: Id) -> bool:
         """Whether the two know each other."""
+        if publisher in self._apart or subscription in self._apart:
+            return False
         first, second = self._publishers.get(publisher), self._subscriptions.get(subscription)
         return first is not None and second is not None and matches(first.topic, first.qos, second.topic, second.qos)
 
@@ -294,8 +333,11 @@ class World:
         """Whether a publisher is alive, to all that it can reach; None: it is gone."""
         found: list[Occurrence] = []
         for subscription_id, subscription in self._subscriptions.items():
-            if id_ not in subscription.severed and matches(
-                publisher.topic, publisher.qos, subscription.topic, subscription.qos
+            apart = id_ in subscription.severed or id_ in self._apart or subscription_id in self._apart
+            if id_ in subscription.severed and alive is None:
+                continue
+            if (alive is None and id_ in subscription.believes) or (
+                not apart and matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos)
             ):
                 found += self._believe(subscription_id, subscription, id_, at_ns, alive)
         return found

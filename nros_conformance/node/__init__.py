@@ -15,5 +15,9 @@ from nros_conformance.node.entities import Publisher, Subscription
 from nros_conformance.node.errors import UnsupportedError
 from nros_conformance.node.executor import Executor
 from nros_conformance.node.node import Node
+from nros_conformance.node.reconnection import LinkState, Pace, Reconnector, Transition
 
-__all__ = ["Context", "Executor", "Node", "Publisher", "Subscription", "UnsupportedError"]
+__all__ = [
+    "Context", "Executor", "LinkState", "Node", "Pace", "Publisher", "Reconnector", "Subscription", "Transition",
+    "UnsupportedError",
+]  # fmt: skip

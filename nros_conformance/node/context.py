@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from datetime import timedelta
 from types import TracebackType
 
 from nros_conformance.node.node import Node
 from nros_conformance.rmw.backend import Backend, Environment, Host, SessionOptions
 from nros_conformance.rmw.clock import Clock, MonotonicClock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.qos import milliseconds
 
 
 class Context:
@@ -44,12 +46,22 @@ class Context:
         Without a locator, a backend that needs a peer (agent, router, broker) gets its own beside it.
         Raises `RmwError` CONNECTION_FAILED, INVALID_ARGUMENT, INVALID_CONFIG...
         """
-        options = dataclasses.replace(options or SessionOptions(), node_name=name)
-        if not options.locator:
-            options = dataclasses.replace(options, locator=self._peer().endpoint())
+        options = self.located(dataclasses.replace(options or SessionOptions(), node_name=name))
         node = Node(self.backend.create_session(options), name, self.clock, self._nodes.pop)
         self._nodes[node] = None
         return node
+
+    def ping(self, timeout: timedelta | int, attempts: int = 1, options: SessionOptions | None = None) -> int:
+        """Ping the peer without a session: OK, TIMEOUT, or UNSUPPORTED where there is nothing to ask.
+
+        ``timeout`` of one attempt: a timedelta (a fraction of 1 ms rounds up), or whole milliseconds.
+        """
+        timeout_ms = milliseconds(timeout) if isinstance(timeout, timedelta) else timeout
+        return int(self.backend.ping(self.located(options or SessionOptions()), timeout_ms, attempts))
+
+    def located(self, options: SessionOptions) -> SessionOptions:
+        """With the locator of this context's own peer, which is started for it, where ``options`` has none."""
+        return options if options.locator else dataclasses.replace(options, locator=self._peer().endpoint())
 
     def close(self) -> None:
         """Destroy the nodes, then stop the peer and the backend if they are this context's own.

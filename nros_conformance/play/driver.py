@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from nros_conformance.rmw.backend import Session
-from nros_conformance.rmw.clock import MS, NEVER, Clock
+from nros_conformance.rmw.clock import MS, NEVER, Clock, Task
 from nros_conformance.rmw.codes import RmwError
 from nros_conformance.trace.records import Act, AnyRecord, Spin
 
@@ -40,11 +40,16 @@ class Scripted(Exception):
 
 
 class Command:
-    """A call to make at ``due`` on the session's thread. ``record`` False keeps it out of the trace."""
+    """A call to make at ``due`` on the session's thread. ``record`` False keeps it out of the trace.
+
+    ``order`` says what to do where the session lives in another process (`orders.Order.what`), ``then`` is
+    told when it is done.
+    """
 
     def __init__(
         self, clock: Clock, due: int, run: Callable[[], Any], *, op: str, label: str = "", index: int = 0,
-        entity: str = "", args: dict[str, Any] | None = None, record: bool = True,
+        entity: str = "", args: dict[str, Any] | None = None, record: bool = True, order: str = "",
+        then: Callable[[Command], None] | None = None,
     ) -> None:  # fmt: skip
         self.due = due
         self.run = run
@@ -54,6 +59,8 @@ class Command:
         self.entity = entity
         self.args = args if args is not None else {}
         self.record = record
+        self.order = order
+        self.then = then
         self.done = clock.signal()
         self.begin = 0
         self.end = 0
@@ -86,6 +93,10 @@ class Driver:
         self.thread = 0
         self.calling: tuple[str, int] | None = None
         """The call in progress and its begin, for whoever looks for a hang."""
+        self.turn: Callable[[int], object] | None = None
+        """Called with a time in ms in place of the background ``drive_io``, also without a session."""
+        self.refused_ns = -1
+        """When a ``drive_io`` last answered anything but OK; -1: never."""
         self._failed = failed
         self._mailbox: list[tuple[int, int, Command]] = []
         self._order = 0
@@ -95,7 +106,15 @@ class Driver:
         self._quiet: Spin | None = None
         self._held: list[AnyRecord] = []
         self._delay_at_spin = 0
-        self.task = clock.spawn(f"session {name}", self._loop)
+        self.task = self._start()
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a session to call."""
+        return self.session is not None
+
+    def _start(self) -> Task:
+        return self.clock.spawn(f"session {self.name}", self._loop)
 
     def post(self, *commands: Command) -> None:
         """Have these calls made at their times; earlier ones first, equal ones in this order."""
@@ -153,8 +172,17 @@ class Driver:
             for record in self._held:
                 self.record(record)
             self._held.clear()
+        if code:
+            self.refused_ns = end
         self._note(begin, end, wait, self.callbacks - before, int(code), raised)
         return None if raised else int(code)
+
+    def look(self, timeout_ms: int) -> int | None:
+        """`drive`, and the takes of ``take: always``."""
+        code = self.drive(timeout_ms)
+        for call in self.after_drive:
+            call()
+        return code
 
     def keep(self, record: AnyRecord) -> None:
         """Write a record down, but not before the drive in progress is over.
@@ -184,7 +212,7 @@ class Driver:
                 self.execute(command)
             elif self._stopped and due == NEVER:
                 break
-            elif self.background and self.session is not None:
+            elif self.background and (self.session is not None or self.turn is not None):
                 self._drive_until(due)
             else:
                 self.clock.wait(self._signal, due)
@@ -195,9 +223,12 @@ class Driver:
         timeout_ms = min(self.slice_ms, max(0, due - begin) // MS)
         self.calling = ("drive_io", begin)
         try:
-            self.drive(timeout_ms)
-            for call in self.after_drive:
-                call()
+            if self.turn is not None:
+                self.turn(timeout_ms)
+            else:
+                self.look(timeout_ms)
+        except StopPlay as stop:
+            self._failed(stop.outcome, stop.detail)
         except Exception as error:
             self.background = False
             self._failed("raised", describe("drive_io", error))
@@ -241,6 +272,8 @@ class Driver:
         if raised:
             self._failed("raised", raised)
         command.done.set()
+        if command.then is not None:
+            command.then(command)
 
     def _note(self, begin: int, end: int, wait: int, callbacks: int, code: int, raised: str) -> None:
         quiet, sure = self._quiet, end - wait

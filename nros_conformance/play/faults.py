@@ -1,4 +1,4 @@
-"""Faults that the backend injects into itself, asked for through `Backend.inject`."""
+"""Faults: those that the backend injects into itself, and those that hit the process of a session."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from nros_conformance.play.driver import Command, Driver, StopPlay
+from nros_conformance.play.remote import RemoteDriver
 from nros_conformance.play.stage import Actor, Stage
 from nros_conformance.rmw.events import KIND_BY_LABEL
 from nros_conformance.suite.injections import INJECTIONS
@@ -14,6 +15,23 @@ from nros_conformance.trace.records import FaultRecord
 
 Publish = Callable[[Actor, str, dict[str, Any]], int]
 """``publish(actor, label, args)``: one more sample, ``args`` become those of its record."""
+
+
+PROCESS_FAULTS = ("crash", "freeze", "thaw", "clock_step")
+"""What hits the process that hosts a session."""
+
+
+def strike(fault: str, driver: RemoteDriver, by_ns: int = 0) -> None:
+    """Do it, for real; returns when the kernel says that it is done."""
+    match fault:
+        case "crash":
+            driver.crash()
+        case "freeze":
+            driver.process.freeze()
+        case "thaw":
+            driver.process.thaw()
+        case "clock_step":
+            driver.process.step_clock(by_ns)
 
 
 class Injector:
@@ -29,6 +47,8 @@ class Injector:
         if injection is None or step.of is None:
             raise StopPlay("error", f"the fault {step.fault} cannot be injected yet")
         stage = self._stage
+        if step.fault in PROCESS_FAULTS:
+            return self._to_process(step, label, begin)
         if injection.of == "session":
             driver = stage.drivers[step.of]
             arguments: dict[str, Any] = {"session": driver.session}
@@ -55,7 +75,35 @@ class Injector:
                 detail={"code": code},
             )  # fmt: skip
             stage.record(record)
+            stage.refused(step.fault, code)
             return code
+
+        return driver, Command(
+            stage.clock, begin, run, op=step.fault, label=label, entity=step.of, record=False, order="fault"
+        )  # fmt: skip
+
+    def _to_process(self, step: Fault, label: str, begin: int) -> tuple[Driver, Command]:
+        """A signal to the process of a session; on the virtual clock the adapter simulates it."""
+        stage = self._stage
+        assert step.of is not None
+        driver = stage.drivers[step.of]
+        by = {} if step.by is None else {"by_ns": step.by.ns(stage.quantities)}
+
+        def run() -> None:
+            begun = stage.clock.now_ns()
+            code = 0
+            if isinstance(driver, RemoteDriver):
+                strike(step.fault, driver, **by)
+            else:
+                code = int(stage.backend.inject(step.fault, session=driver.session, **by))
+                stage.refused(step.fault, code)
+                stage.struck(step.fault, driver)
+            stage.record(
+                FaultRecord(
+                    label=label, fault=step.fault, of=driver.name, begin=begun, end=stage.clock.now_ns(),
+                    detail={"code": code, **by},
+                )
+            )  # fmt: skip
 
         return driver, Command(stage.clock, begin, run, op=step.fault, label=label, entity=step.of, record=False)
 

@@ -17,6 +17,8 @@ the run only this wait."""
 
 CYCLE_NS = 20 * MS
 """What the calls of a cycle may take, several times what a Cyclone session takes to come and go (6 ms)."""
+_PATIENCE = 4
+"""What waits for an answer rarely lasts as long as it may; the watchdog of a play allows four times of all."""
 
 
 class Plan(Struct, frozen=True, kw_only=True):
@@ -43,6 +45,13 @@ def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:
                 total += duration.ns(quantities)
             case schema.Cycle(cycle=times, script=script):
                 total += times * (expected_ns(script, quantities) + CYCLE_NS)
+            case schema.Until(limit=limit):
+                total += limit.ns(quantities) // _PATIENCE
+            case schema.Repeat(repeat=times, script=script):
+                total += times * expected_ns(script, quantities)
+            case schema.Ping():
+                waits = step.attempts * step.timeout.ns(quantities) // _PATIENCE
+                total += step.times * max(step.every.ns(quantities), waits)
             case schema.Parallel(parallel=branches):
                 total += max((expected_ns(branch, quantities) for branch in branches), default=0)
             case schema.Call() | schema.Spin():

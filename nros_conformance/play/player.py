@@ -36,12 +36,14 @@ def play(
     stage: Stage | None = None
     try:
         scenario = typed(plan.header.scenario, plan.key)
-        try:
-            stage = Stage(plan, scenario, adapter, clock, write)
-        except Exception as error:
-            raise StopPlay("raised", describe(adapter.__name__, error)) from error
-        script = Script(stage, start)  # before anything can call back
         with gate:
+            try:
+                stage = Stage(plan, scenario, adapter, clock, write)
+            except StopPlay:
+                raise
+            except Exception as error:
+                raise StopPlay("raised", describe(adapter.__name__, error)) from error
+            script = Script(stage, start)  # before anything can call back
             stage.open()
         script.play(scenario.script)
     except StopPlay as stop:
@@ -50,6 +52,8 @@ def play(
         outcome, detail = "error", describe("the player", error)
     if stage is not None and outcome != "hang":
         outcome, detail = _leave(stage, outcome, detail)
+    elif stage is not None:
+        stage.peer.close(stage.backend.host.scratch)  # what hangs may be the call of another thread
     end = End(outcome=outcome, t=clock.now_ns(), detail=detail)
     write(end)
     return end

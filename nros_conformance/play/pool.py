@@ -7,6 +7,7 @@ own, which tells who was to blame.
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import select
 import signal
@@ -101,7 +102,7 @@ class Pool:
             log_start = log.tell()
             process = subprocess.Popen(
                 [sys.executable, "-X", "faulthandler", "-m", "nros_conformance.play.worker", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=_environment(),
             )  # fmt: skip
             theirs.close()
             try:
@@ -208,6 +209,11 @@ class _Watch:
             self._process.wait(timeout=2)
         except subprocess.TimeoutExpired:
             self._process.kill()
+
+
+def _environment() -> dict[str, str]:
+    """A worker finds the modules that the harness finds, also where pytest or somebody else has added a path."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(part or str(Path.cwd()) for part in sys.path)}
 
 
 def _receive(connection: socket.socket) -> bytes:

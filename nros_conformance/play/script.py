@@ -14,16 +14,18 @@ from nros_conformance.play.cycles import CycleSum
 from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
 from nros_conformance.play.process import QUANTITIES
+from nros_conformance.play.settling import settle
 from nros_conformance.play.stage import Actor, Stage
-from nros_conformance.rmw.backend import Publisher, Session, Subscription
+from nros_conformance.play.waiting import Waiting
+from nros_conformance.rmw.backend import Listed, Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS
-from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.events import KIND_BY_LABEL, Side
+from nros_conformance.rmw.events import KIND_BY_LABEL
 from nros_conformance.rmw.qos import INFINITE_MS
 from nros_conformance.suite import schema
+from nros_conformance.suite.injections import about_the_peer
 from nros_conformance.suite.moments import Moment
 from nros_conformance.suite.walk import base_name, steps
-from nros_conformance.trace.records import Act, Matched, Measure
+from nros_conformance.trace.records import Act, Measure
 
 
 class Script:
@@ -34,16 +36,31 @@ class Script:
         self.clock = stage.clock
         self._start = start_ns
         self._performed: dict[str, list[Command]] = {}
-        self._names = {id(step): step.as_ or f"#{n}" for n, (_, step) in enumerate(steps(stage.scenario), 1)}
+        self._steps = {label: step for label, (_, step) in zip(stage.labels, steps(stage.scenario), strict=True)}
+        self._names = {id(step): label for label, step in self._steps.items()}
         self._injector = Injector(stage, lambda actor, label, args: self._publish(actor, label, None, args))
         self._reacted: Counter[int] = Counter()
         """Callbacks so far, by the number of the reaction."""
         self._made: Counter[str] = Counter()
-        """Calls that reactions have made so far, by label."""
+        """Calls made so far, by label: those of reactions and of turns of a repeat are numbered on."""
+        self._waiting = Waiting(stage, self._publish)
         self._held: dict[str, list[weakref.ref[Any]]] = {}
         """Callback and context of each registration, by the label of its step."""
         self._random = random.Random(stage.plan.header.seed)
         stage.react = self._react
+
+    def step(self, label: str) -> Any:
+        """The step of this label."""
+        return self._steps[label]
+
+    def command(self, step: Any, label: str, index: int, entity: str, due: int) -> Command:
+        """The call of one step on one entity, for a session of this process."""
+        if isinstance(step, schema.Fault):
+            return self._injector.command(step, label, due)[1]
+        for _, name, op, args, run in self._calls(step, label):
+            if name == entity:
+                return Command(self.clock, due, run, op=op, label=label, index=index, entity=entity, args=args)
+        raise StopPlay("error", f"{label} does nothing with {entity}")
 
     def play(self, script: Sequence[Any]) -> None:
         """Play them one after the other. Raises `StopPlay`."""
@@ -65,9 +82,18 @@ class Script:
                     self._parallel(step.parallel)
                     self._mark(label, "parallel", begin)
                 case schema.Settle():
-                    self._mark(label, "settle", begin, self._settle())
+                    self._mark(label, "settle", begin, settle(self.stage))
                 case schema.Measure():
-                    self._measure(label, begin, step.what)
+                    self._measure(label, begin, step)
+                case schema.Until():
+                    self._mark(label, "until", begin, self._waiting.until(step, label, begin))
+                case schema.Repeat():
+                    for _ in range(step.repeat):
+                        self.play(step.script)
+                    self._mark(label, "repeat", begin)
+                case schema.Fault() if about_the_peer(step):
+                    record = self.stage.peer.inject(step, label)
+                    self._performed[label] = [self._done(step.fault, record.begin, record.end)]
                 case schema.Fault():
                     self._post([self._injector.command(step, label, begin)], label)
                 case _:
@@ -81,17 +107,33 @@ class Script:
 
     def _mark(self, label: str, op: str, begin: int, result: object = None) -> None:
         """Write down a step that is no call, so that anchors can refer to it."""
-        command = Command(self.clock, begin, lambda: None, op=op)
-        command.begin, command.end = begin, self.clock.now_ns()
-        command.done.set()
+        command = self._done(op, begin, self.clock.now_ns())
         self._performed[label] = [command]
-        self.stage.record(Act(label=label, op=op, due=begin, begin=begin, end=command.end, result=result))
+        index = self._made[label]
+        self._made[label] += 1
+        self.stage.record(Act(label=label, index=index, op=op, due=begin, begin=begin, end=command.end, result=result))
 
-    def _measure(self, label: str, begin: int, what: str) -> None:
-        value = QUANTITIES[what]()
+    def _done(self, op: str, begin: int, end: int) -> Command:
+        command = Command(self.clock, begin, lambda: None, op=op)
+        command.begin, command.end = begin, end
+        command.done.set()
+        return command
+
+    def _measure(self, label: str, begin: int, step: schema.Measure) -> None:
+        value: int | None
+        if step.what in QUANTITIES:
+            value = QUANTITIES[step.what]()
+        elif step.of is None:
+            value = self.stage.peer.counted(step.what)
+        else:
+            actors = self.stage.members(step.of)
+            found = [self.stage.peer.listed(Listed(one.side, self.stage.topic_of(one))) for one in actors]
+            known = [one for one in found if one is not None]
+            value = sum(known) if known else None
         self._mark(label, "measure", begin)
         end = self.clock.now_ns()
-        self.stage.record(Measure(label=label, what=what, value=value, begin=begin, end=end))
+        if value is not None:
+            self.stage.record(Measure(label=label, what=step.what, value=value, begin=begin, end=end))
 
     def _cycle(self, step: schema.Cycle, label: str, begin: int) -> None:
         total = CycleSum(label)
@@ -148,33 +190,6 @@ class Script:
         if stops:
             raise stops[0]
 
-    def _settle(self) -> int:
-        stage = self.stage
-        code = ReturnCode.OK
-        bound = stage.quantities["discovery_bound"]
-        actors = [actor for actor in stage.actors.values() if actor.handle is not None and not actor.gone]
-        for publisher in (actor for actor in actors if actor.side is Side.PUBLISHER):
-            for subscription in (actor for actor in actors if actor.side is Side.SUBSCRIPTION):
-                if not _meet(publisher, subscription, stage):
-                    continue
-                assert isinstance(publisher.handle, Publisher)
-                assert isinstance(subscription.handle, Subscription)
-                begin = self.clock.now_ns()
-                matched = stage.backend.await_matched(publisher.handle, subscription.handle, begin + bound)
-                if matched is None:
-                    stage.sleep_until(begin + bound)
-                elif not matched:
-                    code = ReturnCode.TIMEOUT
-                how = "bound" if matched is None else "adapter" if matched else "timeout"
-                stage.record(
-                    Matched(
-                        publisher=publisher.name, subscription=subscription.name, begin=begin,
-                        end=self.clock.now_ns(), how=how,
-                    )
-                )  # fmt: skip
-                stage.sleep_until(0)  # only to notice a failure
-        return int(code)
-
     # Calls.
 
     def _do(self, step: Any, label: str, begin: int) -> None:
@@ -185,12 +200,15 @@ class Script:
         for turn in range(times):
             due = begin + turn * every
             for driver, entity, op, args, run in self._calls(step, label):
+                index = self._made[label] + len(posts)
                 command = Command(
-                    self.clock, due, run, op=op, label=label, index=len(posts), entity=entity, args=args
+                    self.clock, due, run, op=op, label=label, index=index, entity=entity, args=args, order="step"
                 )  # fmt: skip
                 posts.append((driver, command))
-        if isinstance(step, schema.Call | schema.Spin):
+        self._made[label] += len(posts)
+        if isinstance(step, schema.Call | schema.Spin | schema.Ping):
             allowance = step.timeout.ns(self.stage.quantities)
+            allowance *= len(posts) * step.attempts if isinstance(step, schema.Ping) else 1
         if every and times > 1:
             # The first one shall not wait for a drive in progress, or it would come too close to the second.
             lead = max((driver.slice_ms * MS for driver, _ in posts if driver.background), default=0)
@@ -262,6 +280,14 @@ class Script:
                     return driver.drive(timeout, call=lambda: executor.spin_once(timeout, step.cap))
 
                 return [(driver, "", "spin", {"timeout_ms": timeout, "cap": step.cap}, spin)]
+            case schema.Ping(session=None):
+                timeout = step.timeout.ns(stage.quantities) // MS
+                args = {"timeout_ms": timeout, "attempts": step.attempts}
+                return [(stage.lobby, "", "ping", args, lambda: stage.probe("", timeout, step.attempts))]
+            case schema.Ping(session=str(session)):
+                driver, timeout = stage.drivers[session], step.timeout.ns(stage.quantities) // MS
+                args = {"timeout_ms": timeout, "attempts": step.attempts}
+                return [(driver, "", "ping", args, lambda: int(_session(driver).ping(timeout, step.attempts)))]
             case schema.Destroy(of=name) if name in stage.drivers:
                 return [(stage.drivers[name], "", "destroy", {}, lambda: stage.destroy(name))]
         name = step.entity if isinstance(step, schema.Create) else _subject(step)
@@ -340,13 +366,6 @@ class _Context(str):
 def _session(driver: Driver) -> Session:
     assert driver.session is not None
     return driver.session
-
-
-def _meet(publisher: Actor, subscription: Actor, stage: Stage) -> bool:
-    sessions = stage.scenario.sessions
-    domains = [sessions[a.driver.name].domain if a.driver.name in sessions else 0 for a in (publisher, subscription)]
-    same = (publisher.topic, publisher.spec.type) == (subscription.topic, subscription.spec.type)
-    return same and domains[0] == domains[1]
 
 
 def _subject(step: Any) -> str:

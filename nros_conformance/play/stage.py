@@ -10,15 +10,20 @@ from pathlib import Path
 from nros_conformance.node.executor import Executor
 from nros_conformance.play import payload
 from nros_conformance.play.driver import Command, Driver, StopPlay
+from nros_conformance.play.orders import Cast
+from nros_conformance.play.peer import Peer
 from nros_conformance.play.plan import Plan
-from nros_conformance.rmw.backend import Backend, Host, Publisher, SessionOptions, Subscription
+from nros_conformance.play.processes import SessionProcess
+from nros_conformance.play.reconnection import Kept
+from nros_conformance.play.remote import RemoteDriver
+from nros_conformance.rmw.backend import Backend, Environment, Host, Publisher, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
-from nros_conformance.suite.kinds import registered_kinds
-from nros_conformance.suite.walk import members, session_of, steps
+from nros_conformance.suite.kinds import faults_needed, registered_kinds
+from nros_conformance.suite.walk import members, session_of, step_labels, steps
 from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
 
 
@@ -45,6 +50,13 @@ class Actor:
         """The topic as the suite writes it."""
         return self.spec.publisher if self.spec.publisher is not None else self.spec.subscription or ""
 
+    @property
+    def exists(self) -> bool:
+        """Whether it has been created and not destroyed since."""
+        if isinstance(self.driver, RemoteDriver):
+            return self.name in self.driver.living
+        return self.handle is not None and not self.gone
+
     def created(self) -> Publisher | Subscription:
         """The handle; StopPlay when the script uses an entity before it creates it."""
         if self.handle is None:
@@ -53,11 +65,16 @@ class Actor:
 
 
 class Stage:
-    """Everything that lives while one scenario is played."""
+    """Everything that lives while one scenario is played.
+
+    In a process of its own (``only`` its session) a part of it; ``run_tag`` and ``locator`` are then those of
+    the whole, and ``failed`` is told when the play cannot go on.
+    """
 
     def __init__(
         self, plan: Plan, scenario: schema.Scenario, adapter: type[Backend], clock: Clock,
-        record: Callable[[AnyRecord], None],
+        record: Callable[[AnyRecord], None], *, only: str = "", run_tag: int | None = None, locator: str = "",
+        failed: Callable[[str, str], None] = lambda outcome, detail: None,
     ) -> None:  # fmt: skip
         self.plan = plan
         self.scenario = scenario
@@ -69,28 +86,62 @@ class Stage:
         self.abort = clock.signal()
         self.stopped: StopPlay | None = None
         # Distinguishes runs that can hear each other; on a virtual clock nobody can, and plays are repeatable.
-        self.run_tag = 1 if clock.virtual else int.from_bytes(os.urandom(6), "little")
+        fresh = 1 if clock.virtual else int.from_bytes(os.urandom(6), "little")
+        self.run_tag = fresh if run_tag is None else run_tag
+        self.start = clock.now_ns()
+        self._told = failed
+        self._only = only
+        self._apart = set() if clock.virtual or only else sessions_apart(scenario)
         host = Host(
             clock=clock,
             variant=plan.header.variant,
             network=plan.network,
             ports=range(*plan.ports),
             scratch=Path(f"{plan.trace}.d"),
+            faults=faults_needed(scenario),
             options=plan.options,
+            processes=bool(only or self._apart),
         )
         self.backend = adapter(host)
+        # In a process of its own a session has the peer of the whole play, by its locator.
+        self.peer = Peer(Environment() if only else self.backend.environment(), clock, record)
+        # Calls may last as long as a peer that does not answer lets them.
+        silent = scenario.peer == "absent" or any(isinstance(step, schema.Fault) for _, step in steps(scenario))
+        self.hang_ns = plan.hang_ns + 2 * silent * self.quantities.get("connection_lease", 0)
+        self.lobby = Driver("", clock, record, self.fail)
+        """The thread for calls without a session."""
+        self.kept: dict[str, Kept] = {}
+        """The sessions with a reconnector."""
+        self.heard: dict[tuple[str, str], int] = {}
+        """By publisher and subscription: the last sequence number that was taken."""
         self.drivers: dict[str, Driver] = {}
         self.actors: dict[str, Actor] = {}
-        self.labels: list[str] = []
+        self.labels = step_labels(scenario)
+        """What payloads refer to by position; the same in every process."""
+        self.names: list[str] = []
+        """All entities, in the same way."""
         self.executors: dict[str, Executor] = {}
         self.react: Callable[[Actor, int, str], None] = lambda actor, kind, registration: None
         """Told of each status callback while it runs: whose, of which kind and registration."""
-        self._closed: set[str] = set()
-        self._drained: set[str] = set()
+        self._closed = {only} - {""}
+        self._drained: list[Actor] = []
         self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
-        self._cast()
+        try:
+            if scenario.peer == "present":
+                self.peer.start()
+            elif not self.peer.endpoint():
+                self.peer.appoint()
+            self.locator = locator or self.peer.endpoint()
+            self._cast()
+        except BaseException:
+            self.peer.close(host.scratch)
+            raise
 
     # Who is who.
+
+    def topic_of(self, actor: Actor) -> str:
+        """The topic as the backend gets it."""
+        return actor.topic if actor.spec.raw else f"/nrcf{self.run_tag:x}/{actor.topic}"
 
     def members(self, name: str) -> list[Actor]:
         """The entity of this name, or all of ``count`` entities that share it."""
@@ -100,8 +151,6 @@ class Stage:
 
     def label_index(self, label: str) -> int:
         """The position of a label in the list that payloads refer to."""
-        if label not in self.labels:
-            self.labels.append(label)
         return self.labels.index(label)
 
     def _cast(self) -> None:
@@ -110,9 +159,29 @@ class Stage:
         for _, spec in expanded:
             names.append(session_of(spec))
         for name in dict.fromkeys(names):
-            self.drivers[name] = Driver(name, self.clock, self.record, self.fail)
+            if self._only in ("", name):
+                self.drivers[name] = self._driver(name)
+        self.names = [name for name, _ in expanded]
         for index, (name, spec) in enumerate(expanded):
-            self.actors[name] = Actor(name, spec, self.drivers[session_of(spec)], index)
+            if session_of(spec) in self.drivers:
+                self.actors[name] = Actor(name, spec, self.drivers[session_of(spec)], index)
+
+    def _driver(self, name: str) -> Driver:
+        if name not in self._apart:
+            return Driver(name, self.clock, self.record, self.fail)
+
+        def cast(first_sequence: int) -> Cast:
+            return Cast(self.plan, name, self.run_tag, self.start, self.locator, first_sequence)
+
+        driven = self.scenario.sessions[name].driven
+        stepped = any(
+            isinstance(step, schema.Fault) and (step.fault, step.of) == ("clock_step", name)
+            for _, step in steps(self.scenario)
+        )
+        wall_clock = self.backend.host.scratch.absolute() / f"{name}.clock" if stepped else None
+        return RemoteDriver(
+            name, self.clock, self.record, self.fail, lambda: SessionProcess(name, wall_clock), cast, driven
+        )  # fmt: skip
 
     def record(self, record: AnyRecord) -> None:
         """Write a record down."""
@@ -124,6 +193,7 @@ class Stage:
         """End the play from any thread; the first reason counts."""
         if self.stopped is None:
             self.stopped = StopPlay(outcome, detail)
+            self._told(outcome, detail)
         self.abort.set()
 
     def sleep_until(self, when: int) -> None:
@@ -135,48 +205,84 @@ class Stage:
     def finish(self, commands: list[Command], allowance_ns: int = 0) -> None:
         """Wait for posted calls; raises `StopPlay` for a hang or a failure."""
         for command in commands:
-            limit = max(command.due, self.clock.now_ns()) + allowance_ns + self.plan.hang_ns
+            limit = max(command.due, self.clock.now_ns()) + allowance_ns + self.hang_ns
             if not self.clock.wait(command.done, limit):
                 raise self._hang(command)
         if self.stopped is not None:
             raise self.stopped
 
     def _hang(self, command: Command) -> StopPlay:
-        for driver in self.drivers.values():
+        for driver in (*self.drivers.values(), self.lobby):
+            if isinstance(driver, RemoteDriver) and driver.owes(command):
+                lasted = (self.clock.now_ns() - command.due) / 1e9
+                return StopPlay("hang", f"{command.op} on session {driver.name} has not returned after {lasted:.1f} s")
             if driver.calling is not None:
                 call, begin = driver.calling
                 lasted = (self.clock.now_ns() - begin) / 1e9
-                if lasted > self.plan.hang_ns / 2e9:
+                if lasted > self.hang_ns / 2e9:
                     return StopPlay("hang", f"{call} on session {driver.name} has not returned after {lasted:.1f} s")
         return StopPlay("hang", f"{command.op} on session {command.entity or '?'} did not get its turn")
 
-    def perform(self, driver: Driver, op: str, run: Callable[[], object], allowance_ns: int = 0) -> Command:
-        """Make one unrecorded call on a session's thread now, and wait for it."""
-        command = Command(self.clock, self.clock.now_ns(), run, op=op, record=False)
+    def perform(self, driver: Driver, op: str, run: Callable[[], object], entity: str = "") -> Command:
+        """Make one unrecorded call on a session's thread now, and wait for it.
+
+        ``op`` (and ``entity``) is what `orders.Order` says to a session in another process.
+        """
+        command = Command(self.clock, self.clock.now_ns(), run, op=op, entity=entity, record=False, order=op)
         driver.post(command)
-        self.finish([command], allowance_ns)
+        self.finish([command])
         return command
 
     # Creating and destroying.
 
     def open(self) -> None:
-        """Create the sessions, then the entities that are not deferred, in the order of the scenario."""
-        for driver in self.drivers.values():
-            self.perform(driver, "create_session", lambda driver=driver: self._connect(driver))  # type: ignore[misc]
+        """Start the sessions' threads, create the sessions, then the entities that are not deferred, in order."""
+        for name, driver in self.drivers.items():
+            if self._spec(name).reconnector:
+                self.kept[name] = Kept(self, driver)
+                self.prepare(driver)
+                driver.resume()
+            elif self.scenario.peer == "present":
+                self.perform(driver, "connect", lambda driver=driver: self.connect(driver))  # type: ignore[misc]
+                self.prepare(driver)
         for actor in self.actors.values():
-            if not actor.spec.deferred and actor.driver.session is not None:
-                self.perform(actor.driver, "create", lambda actor=actor: self.create(actor))  # type: ignore[misc]
+            if not actor.spec.deferred and actor.driver.connected:
+                self.perform(actor.driver, "create", lambda actor=actor: self.create(actor), actor.name)  # type: ignore[misc]
 
-    def _connect(self, driver: Driver) -> None:
-        """Create a session; on its thread."""
+    def _spec(self, session: str) -> schema.Session:
+        return self.scenario.sessions.get(session, schema.Session())
+
+    def options(self, session: str) -> SessionOptions:
+        """The arguments of ``create_session``, or of a ping without one."""
+        spec = self._spec(session)
+        return SessionOptions(
+            node_name=spec.node or session or "node",
+            locator=self.locator,
+            domain_id=spec.domain,
+            connection_lease_ms=0 if spec.lease is None else spec.lease.ns(self.quantities) // MS,
+            hard_liveliness_ms=0 if spec.hard_liveliness is None else spec.hard_liveliness.ns(self.quantities) // MS,
+        )
+
+    def probe(self, session: str, timeout_ms: int, attempts: int) -> int:
+        """Ping without a session."""
+        return int(self.backend.ping(self.options(session), timeout_ms, attempts))
+
+    def prepare(self, driver: Driver) -> None:
+        """Set how a session that has been connected is driven."""
+        spec = self._spec(driver.name)
+        driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
+        driver.background = spec.reconnector or (driver.connected and spec.driven)
+
+    def connect(self, driver: Driver) -> int:
+        """Create a session; on its thread. The return code."""
         name = driver.name
-        spec = self.scenario.sessions.get(name, schema.Session())
+        spec = self._spec(name)
+        self._closed.discard(name)
+        driver.session = None
         begin = self.clock.now_ns()
         code, detail = 0, ""
         try:
-            driver.session = self.backend.create_session(
-                SessionOptions(node_name=spec.node or name, domain_id=spec.domain)
-            )
+            driver.session = self.backend.create_session(self.options(name))
             if name in self._spun_sessions:
                 self.executors[name] = Executor(driver.session)
         except RmwError as error:
@@ -184,23 +290,24 @@ class Stage:
         what = "created" if code == 0 else "refused"
         end = self.clock.now_ns()
         driver.keep(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
-        if code and not spec.may_fail:
+        if code and not spec.may_fail and not spec.reconnector:
             self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
-        driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
-        driver.background = code == 0 and spec.driven
+        self.prepare(driver)
+        return code
 
     def create(self, actor: Actor, *, stale: bool = False) -> int:
         """Create an entity and register its events; on its session's thread. The return code.
 
-        If its session has been destroyed, that is created anew before, unless the stale one is wanted.
+        If its session has been destroyed, or does not exist yet, that is created before, unless the stale one is
+        wanted.
         """
-        if actor.driver.name in self._closed and not stale:
-            self._closed.remove(actor.driver.name)
-            self._connect(actor.driver)
+        if not stale and (actor.driver.name in self._closed or actor.driver.session is None):
+            code = self.connect(actor.driver)
+            if code:
+                return code
         session = actor.driver.session
-        if session is None:
-            return int(ReturnCode.CONNECTION_FAILED)
-        topic = actor.topic if actor.spec.raw else f"/nrcf{self.run_tag:x}/{actor.topic}"
+        assert session is not None
+        topic = self.topic_of(actor)
         type_name = f"nros_conformance_msgs/msg/{actor.spec.type}"
         begin = self.clock.now_ns()
         code, detail = 0, ""
@@ -218,7 +325,7 @@ class Stage:
                 begin=begin, end=self.clock.now_ns(),
             )
         )  # fmt: skip
-        if code and not actor.spec.may_fail:
+        if code and not actor.spec.may_fail and actor.driver.name not in self.kept:
             self.fail("raised", f"creating {actor.name} answered {code_name(code)}: {detail}")
         if code == 0:
             self._register_all(actor)
@@ -245,14 +352,35 @@ class Stage:
         driver.keep(State(entity=entity, session=driver.name, what="destroyed", code=code, begin=begin, end=end))
         return code
 
+    def refused(self, fault: str, code: int) -> None:
+        """End the play when the adapter did not inject a fault: what follows would prove nothing."""
+        if code == ReturnCode.UNSUPPORTED:
+            self.fail("raised", f"inject({fault}) answered UNSUPPORTED, though backend.toml declares the fault")
+
+    def struck(self, fault: str, driver: Driver) -> None:
+        """A simulated process was hit: it is driven no more, or again."""
+        if fault == "thaw":
+            driver.background = self.scenario.sessions.get(driver.name, schema.Session()).driven
+        elif fault in ("crash", "freeze"):
+            driver.background = False
+        if fault == "crash":
+            driver.session = None
+            self._closed.add(driver.name)
+            for actor in self.actors.values():
+                actor.gone |= actor.driver is driver
+
     def close(self) -> None:
-        """Destroy all sessions and end their threads."""
+        """Destroy all sessions and end their threads, then stop the peer."""
+        for name in self.kept:
+            driver = self.drivers[name]
+            self.perform(driver, "pause", driver.pause)
         for name, driver in self.drivers.items():
-            if driver.session is not None:
-                self.perform(driver, "destroy session", lambda name=name: self.destroy(name))  # type: ignore[misc]
-        for driver in self.drivers.values():
+            if driver.connected and not (isinstance(driver, RemoteDriver) and driver.process.frozen):
+                self.perform(driver, "destroy", lambda name=name: self.destroy(name))  # type: ignore[misc]
+        for driver in (*self.drivers.values(), self.lobby):
             driver.stop()
-            self.clock.wait(driver.task.done, self.clock.now_ns() + self.plan.hang_ns)
+            self.clock.wait(driver.task.done, self.clock.now_ns() + self.hang_ns)
+        self.peer.close(self.backend.host.scratch)
         self.backend.close()
 
     # Events.
@@ -324,14 +452,14 @@ class Stage:
         handle = actor.handle
         if not isinstance(handle, Subscription):
             return
-        if actor.spec.take == "always" and actor.name not in self._drained:
-            self._drained.add(actor.name)
+        if actor.spec.take == "always" and actor not in self._drained:
+            self._drained.append(actor)
             actor.driver.after_drive.append(lambda: self._drain(actor))
         if actor.driver.name in self.executors:
             self.executors[actor.driver.name].add_subscription(handle, lambda data: self._spun(actor, data))
 
     def _drain(self, actor: Actor) -> None:
-        if actor.handle is not None:
+        if actor.handle is not None and not actor.gone:
             self.take(actor, None, 65536)
 
     def _spun(self, actor: Actor, data: bytes) -> None:
@@ -358,7 +486,9 @@ class Stage:
         t = self.clock.now_ns()
         identity = payload.decode(data)
         ours = identity is not None and identity.run == self.run_tag
-        sender = list(self.actors)[identity.publisher] if ours and identity else ""
+        sender = self.names[identity.publisher] if ours and identity else ""
+        if identity is not None and sender:
+            self.heard[(sender, actor.name)] = identity.sequence
         actor.driver.keep(
             Message(
                 session=actor.driver.name, entity=actor.name, t=t, publisher=sender,
@@ -366,6 +496,11 @@ class Stage:
                 label=self.labels[identity.label] if ours and identity else "", size=len(data), callback=callback,
             )
         )  # fmt: skip
+
+
+def sessions_apart(scenario: schema.Scenario) -> set[str]:
+    """The sessions that live in processes of their own."""
+    return {name for name, spec in scenario.sessions.items() if spec.process == "own"}
 
 
 def qos_profile(spec: schema.Qos, quantities: dict[str, int]) -> QosProfile:

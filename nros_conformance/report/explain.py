@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from nros_conformance.judge.results import Finding, Verdict
 from nros_conformance.report.columns import columns
@@ -23,8 +23,19 @@ from nros_conformance.trace.records import Trace
 WIDTH = 96
 
 
+class Played(Protocol):
+    """Which row was played, and by what name the command finds it; a `Report` is one."""
+
+    @property
+    def row(self) -> str: ...
+    @property
+    def backend(self) -> str: ...
+    @property
+    def asked(self) -> str: ...
+
+
 def explain_scenario(
-    report: Report, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement]
+    report: Played, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement]
 ) -> str:
     """The whole explanation of one play."""
     verdict = attempt.verdict
@@ -47,13 +58,12 @@ def explain_scenario(
     return "\n".join(lines)
 
 
-def again(report: Report, result: ScenarioResult) -> str:
+def again(report: Played, result: ScenarioResult) -> str:
     """The one command that plays just that."""
-    key = f"'{result.key}'" if "[" in result.key else result.key
-    return f"nros-conformance run --backend {report.row} --scenario {key}"
+    return f"nros-conformance run --backend {report.asked or report.backend} --scenario {_quoted(result.key)}"
 
 
-def failure(report: Report, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
+def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
     """The block that a run prints for a failure, as soon as it is known."""
     verdict = result.last
     assert verdict is not None

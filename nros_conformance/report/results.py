@@ -131,6 +131,8 @@ class Report(_Part, frozen=True, kw_only=True):
     """The backend's name, or name-variant."""
     backend: str
     variant: str = ""
+    asked: str = ""
+    """The name by which the command finds the backend again, if not its own: ``module:Class``."""
     available: bool = True
     unavailable_reason: str = ""
     declaration: Declaration

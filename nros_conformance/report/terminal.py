@@ -12,6 +12,7 @@ from nros_conformance.report.evidence import evidence
 from nros_conformance.report.results import Report, ScenarioResult
 from nros_conformance.report.table import Row, Table, assemble
 from nros_conformance.rmw.declaration import Declaration
+from nros_conformance.rmw.events import EventKind
 
 Say: TypeAlias = Callable[[str], None]
 
@@ -146,7 +147,8 @@ def _widths(column: Column) -> Iterator[int]:
 def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
     if not report.available:
         return [f"missing  {report.row}: {report.unavailable_reason}; install it: {report.declaration.subject.install}"]
-    lines = []
+    claimed = sum(claim != "no" for claim in report.declaration.claims().values())
+    lines = [f"claims   {report.row}: {claimed} of {len(EventKind)} events claimed"]
     for result in report.results:
         if result.verdict == "fail" and result.known:
             lines.append(f"known    {report.row} {result.key} ({result.known}) fails as declared")

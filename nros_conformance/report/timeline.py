@@ -12,6 +12,7 @@ from nros_conformance.trace.records import (
     Act,
     AnyRecord,
     Blind,
+    Changed,
     End,
     Event,
     FaultRecord,
@@ -103,7 +104,9 @@ def _rows(record: AnyRecord) -> Iterator[Row]:
             what = words.get(record.how, f"matched after {_ms(record.end - record.begin)}")
             yield Row(record.end, f"{record.publisher}, {record.subscription}", what)
         case FaultRecord():
-            yield Row(record.begin, record.of, f"fault {record.fault}")
+            yield Row(record.begin, record.of or "peer", f"fault {record.fault}")
+        case Changed():
+            yield Row(record.t, f"session {record.session}", f"{record.state}: {record.reason}")
         case Blind():
             yield Row(record.begin, record.session, f"nothing could be observed for {_ms(record.end - record.begin)}")
         case End():

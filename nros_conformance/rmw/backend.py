@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.events import EventCallback
+from nros_conformance.rmw.events import EventCallback, Side
 from nros_conformance.rmw.qos import QosProfile
 
 MessageCallback: TypeAlias = Callable[[object], None]
@@ -32,7 +32,8 @@ class Host:
     domain, port or partition of its own; ``ports`` are leased for this run alone. ``scratch`` is a folder
     that this play alone may create and use; what is left in it stays beside the trace.
     ``processes``: some session of this play lives in a process of its own, with an adapter of its own
-    (same ``network``, ``ports``, ``scratch``), so memory does not connect them.
+    (same ``network``, ``ports``, ``scratch``), so memory does not connect them. ``faults``: those that
+    `Backend.inject` may be asked for, so that what they take need not stand in the way of other scenarios.
     """
 
     clock: Clock
@@ -41,6 +42,7 @@ class Host:
     ports: range = range(0)
     scratch: Path = Path()
     processes: bool = False
+    faults: frozenset[str] = frozenset()
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -145,22 +147,50 @@ class Session(abc.ABC):
         """Close, and release everything of this session in bounded time, also with a dead peer."""
 
 
+class Listed(NamedTuple):
+    """A client's entity as the peer lists it; ``topic`` as it was given to ``create_*``."""
+
+    side: Side
+    topic: str
+
+
 class Environment:
-    """An agent, router or broker that a backend needs beside it. The default needs none."""
+    """An agent, router or broker that a backend needs beside it. The default needs none.
+
+    The harness calls `Backend.environment` once per play and is the only one that starts and stops what it
+    gets; its calls come one at a time, from another thread than those of the sessions.
+    """
 
     def start(self) -> None:
-        """Start it; raises `RmwError` CONNECTION_FAILED with the reason when it does not come up."""
+        """Start it, at the same `endpoint` each time and knowing nothing of before; returns when it answers.
+
+        Raises `RmwError` CONNECTION_FAILED with the reason when it does not come up.
+        """
 
     def stop(self, *, kill: bool = False) -> None:
-        """Stop it, orderly or with SIGKILL."""
+        """Stop it, orderly or with SIGKILL; returns when it is gone. Harmless when it does not run.
+
+        Raises `RmwError` UNSUPPORTED for one that somebody else runs.
+        """
 
     def endpoint(self) -> str:
         """What a client puts into `SessionOptions.locator`; empty when there is nothing."""
         return ""
 
     def log(self) -> str:
-        """What it has printed so far."""
+        """What it has printed so far, in all its lives."""
         return ""
+
+    def entities(self) -> Sequence[Listed] | None:
+        """The publishers and subscriptions of all clients in its graph now; None: it cannot be asked."""
+        return None
+
+    def counts(self) -> Mapping[str, int]:
+        """What it has counted on the wire so far, in all its lives, as far as it can be asked.
+
+        ``checks``: hard liveliness pings that it has sent; ``probes``: pings of clients that reached it.
+        """
+        return {}
 
 
 class Backend(abc.ABC):
@@ -213,7 +243,15 @@ class Backend(abc.ABC):
           losses are found, of the entity's topic, so that the next sample follows it. Nothing is lost.
         - ``partition`` (``session``): nothing passes between it and the others any more;
           ``block`` (``session``, ``direction``: "out" or "in"): nothing of what it sends, respectively of
-          what others send to it; ``heal`` (``session``), declared with either of the two, ends that.
+          what others send to it; ``delay`` (``session``, ``by_ns``): what it sends arrives so much later;
+          ``stall`` (``session``): what it sends stops in the middle of a frame, and goes on after ``heal``;
+          ``bus_off`` (``session``): its controller is off the bus. ``heal`` (``session``), declared with any
+          of these, ends that.
+        - ``inject`` (``session``, ``count``, ``seed``): so many malformed, truncated, foreign and oversized
+          packets reach the wire end of that session, always the same ones for a seed.
+        - ``crash``, ``freeze``, ``thaw``, ``clock_step`` (``session``, ``by_ns``): only on the virtual clock,
+          where no process can be hit: the session ends without a word, stands still, goes on, or has its
+          wall clock set. On the real clock they are declared too, and the harness does it to the process.
         """
         return ReturnCode.UNSUPPORTED
 

@@ -6,11 +6,12 @@ failure that passes are all errors. What is left out has the strict value.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from msgspec import Struct, field, to_builtins
+from msgspec import Struct, convert, field, structs, to_builtins
 
 from nros_conformance.formats.durations import Duration
 from nros_conformance.formats.places import Document, Path_, nearest
@@ -146,6 +147,12 @@ class Known(_Part, frozen=True, kw_only=True):
     review: date | None = None
 
 
+class KnownFile(_Part, frozen=True, kw_only=True):
+    """A list of known failures beside a declaration, in the same format: ``run --known FILE``."""
+
+    known: list[Known]
+
+
 class Planted(_Part, frozen=True, kw_only=True):
     """A defective variant of the reference that every run must catch."""
 
@@ -168,6 +175,7 @@ class Declaration(_Part, frozen=True, kw_only=True):
     """The reference: it belongs to the control line and has no row."""
     planted: list[Planted] = []
     variants: dict[str, dict[str, Any]] = {}
+    """One row each. ``default = false``: only if asked for; ``connection = {...}`` replaces fields of that section."""
     events: dict[str, Event] = {}
     connection: Connection = Connection()
     bounds: Bounds = Bounds()
@@ -181,6 +189,14 @@ class Declaration(_Part, frozen=True, kw_only=True):
     def event(self, kind: EventKind) -> Event:
         """The section of a kind; the strict one (claim no) when there is none."""
         return self.events.get(kind.label, Event())
+
+    def in_variant(self, name: str) -> Declaration:
+        """What holds for the row of this variant."""
+        replaced = self.variants.get(name, {}).get("connection", {})
+        if not replaced:
+            return self
+        fields = {field: getattr(convert(replaced, Connection, dec_hook=_duration), field) for field in replaced}
+        return structs.replace(self, connection=structs.replace(self.connection, **fields))
 
     def claims(self) -> dict[str, Claim]:
         """The claim for each of the five events."""
@@ -206,8 +222,14 @@ class Declaration(_Part, frozen=True, kw_only=True):
             flat |= {f"{kind.label}.{name.rstrip('_')}": getattr(section, name) for name in section.__struct_fields__}
         for part in (self.connection, self.behaviour, self.qos):
             flat |= {name: getattr(part, name) for name in part.__struct_fields__}
+        hard = flat.pop("hard_liveliness")
+        flat |= {f"hard_liveliness.{name}": getattr(hard, name) for name in hard.__struct_fields__}
         plain: dict[str, Any] = to_builtins(flat, enc_hook=str)
         return plain
+
+
+def _duration(type_: type[Any], value: Any) -> Any:
+    return Duration.parse(value) if type_ is Duration else value
 
 
 def load_declaration(file: Path, text: str | None = None) -> Declaration:
@@ -228,6 +250,15 @@ def _check_absence(document: Document, here: Path_, what: str, section: Event | 
         raise document.error(here, f'{what}, absent = "never" without a link', "add link = ..., where it is shown")
 
 
+def check_links(document: Document, entries: Sequence[Known]) -> None:
+    """Every known deviation says where it is reported. Raises `FormatError`."""
+    for index, known in enumerate(entries):
+        if not known.link:
+            raise document.error(
+                ("known", index), f"known {known.key}: no link", 'add link = ..., or link = "unreported"'
+            )
+
+
 def _check(document: Document, declaration: Declaration) -> None:
     for label, event in declaration.events.items():
         here = ("events", label)
@@ -241,13 +272,16 @@ def _check(document: Document, declaration: Declaration) -> None:
             raise document.error(here, f"{label}: it is not said how the event is produced", "add how = ...")
         if event.claim == "limited" and not event.limit:
             raise document.error(here, f'{label}: claim = "limited" without a limit', "add limit = { ... }")
-    if declaration.connection.ping == "no":
-        _check_absence(document, ("connection",), 'ping = "no"', declaration.connection)
-    for index, known in enumerate(declaration.known):
-        if not known.link:
-            raise document.error(
-                ("known", index), f"known {known.key}: no link", 'add link = ..., or link = "unreported"'
-            )
+    places: dict[str, Path_] = {"": ("connection",)}
+    for variant, facts in declaration.variants.items():
+        if "connection" in facts:
+            document.read(Connection, path=("variants", variant, "connection"))
+            places[variant] = ("variants", variant, "connection")
+    for variant, place in places.items():
+        connection = declaration.in_variant(variant).connection
+        if connection.ping == "no":
+            _check_absence(document, place, 'ping = "no"', connection)
+    check_links(document, declaration.known)
     for name in ("min_lease", "min_deadline", "discovery"):
         duration: Duration = getattr(declaration.bounds, name)
         if duration.names:

@@ -13,6 +13,7 @@ from nros_conformance.rmw.events import KIND_BY_LABEL, CountStatus, EventKind, L
 from nros_conformance.suite import schema
 from nros_conformance.suite.anchors import check_anchors
 from nros_conformance.suite.catalogue import Requirements
+from nros_conformance.suite.connection import check_connection
 from nros_conformance.suite.cycles import check_cycle, check_cycles, check_measure
 from nros_conformance.suite.injections import check_injection, publishes
 from nros_conformance.suite.kinds import expected_entities, expected_kinds
@@ -29,10 +30,10 @@ COUNT_MAX = 1000
 _CALLS = (schema.Call, schema.Spin)
 _ANSWERING = (
     schema.Publish, schema.Assert, schema.Take, schema.HasData, schema.Register, schema.Supports, schema.Create,
-    schema.Destroy, schema.Released, *_CALLS,
+    schema.Destroy, schema.Released, schema.Ping, schema.Until, *_CALLS,
 )  # fmt: skip
 _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]], ...]] = {
-    schema.GapGiven: (("gap", _ANSWERING),),
+    schema.GapGiven: (("gap", (*_ANSWERING, schema.Measure)),),
     schema.Agrees: (("agrees", (schema.Supports,)), ("with", (schema.Register,))),
     schema.Received: (("received", (schema.Publish,)),),
     schema.ReceivedGiven: (("received", (schema.Publish,)),),
@@ -132,6 +133,7 @@ class _Check:
         self.names.check_subjects(path, step)
         if isinstance(step, schema.Parallel):
             self._groups((*path, "parallel"), "branch", step.parallel)
+        check_connection(self.names, path, step)
         if isinstance(step, schema.Repeated):
             self._not_below((*path, "times"), step.times, 1)
         if isinstance(step, schema.Cycle):
@@ -291,11 +293,12 @@ class _Check:
             if not isinstance(value, Duration):
                 continue
             sign = self._sign(value)
-            if sign < 0 and not (isinstance(part, schema.Fault) and key == "by"):  # a clock may step back
+            steps_back = isinstance(part, schema.Fault) and part.fault == "clock_step" and key == "by"
+            if sign < 0 and not steps_back:
                 raise self.error((*path, key), f"{key}: the duration {value.text!r} is negative")
             if sign == 0 and isinstance(part, schema.Periodic):
                 raise self.error((*path, key), f"{key}: the period is 0", "events repeat after a positive time")
-            if sign == 0 and isinstance(part, schema.Session):
+            if sign == 0 and isinstance(part, schema.Session) and key == "slice":
                 raise self.error((*path, key), f"{key}: drive_io would not wait at all", "give it some milliseconds")
 
     def _sign(self, duration: Duration) -> int:

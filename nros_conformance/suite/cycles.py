@@ -26,6 +26,8 @@ def check_cycle(names: Names, path: Path_, step: schema.Cycle) -> None:
 
 def check_measure(names: Names, path: Path_, step: schema.Measure) -> None:
     """Quantities of a process say nothing while others share it, and virtual time costs no processor time."""
+    if step.what not in ("cpu", "threads", "descriptors", "memory"):
+        return  # the peer tells it
     needs = names.scenario.needs
     if needs.process != "own":
         raise names.document.error(path, "others share the process", "add needs: {process: own}")

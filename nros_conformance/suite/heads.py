@@ -19,6 +19,7 @@ from nros_conformance.suite.schema import (
     Cycle,
     Expectation,
     Parallel,
+    Repeat,
     Scenario,
     Step,
 )
@@ -66,6 +67,9 @@ def _step(document: Document, raw: Any, path: Path_) -> Step:
     if isinstance(step, Cycle):
         script = [_step(document, item, (*path, "script", i)) for i, item in enumerate(step.script)]
         return structs.replace(step, script=script)
+    if isinstance(step, Repeat):
+        turns = [_step(document, item, (*path, "script", i)) for i, item in enumerate(step.script)]
+        return structs.replace(step, script=turns)
     return step
 
 

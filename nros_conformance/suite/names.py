@@ -49,6 +49,13 @@ class Names:
                 raise document.error(
                     ("entities", name), f"{name!r} names an entity and a session", "rename one of the two"
                 )
+        self._turns = {id(step): 1 for _, step in steps(scenario)}
+        """How often a step is played, by the repeats around it."""
+        for path, step in steps(scenario):
+            if isinstance(step, schema.Repeat):
+                for other, inner in steps(scenario):
+                    if other[: len(path)] == path and inner is not step:
+                        self._turns[id(inner)] *= max(step.repeat, 1)
         self._collect_labels()
 
     def _collect_labels(self) -> None:
@@ -148,6 +155,7 @@ class Names:
         times = step.times if isinstance(step, schema.Repeated) else 1
         if isinstance(step, schema.Fault):
             times = step.count or 1
+        times *= self._turns[id(step)]
         key = "of" if isinstance(step, schema.Destroy) else SUBJECTS.get(type(step), ("", None))[0]
         entity = self.scenario.entities.get(dict(fields(step)).get(key, ""))
         return times * (entity.count if entity else 1)

@@ -68,6 +68,13 @@ class Session(Base, frozen=True, kw_only=True):
     driven: bool = True
     """Whether it is driven in the background while the script waits."""
     may_fail: bool = False
+    lease: Duration | None = None
+    """``connection_lease_ms`` of the session; default: the backend's own, which is the declared one."""
+    hard_liveliness: Duration | None = None
+    """``hard_liveliness_ms``: the peer removes the session's entities when it is silent for so long."""
+    reconnector: bool = False
+    """Kept by the state machine of `node.reconnection`: it pings, creates the session with its entities,
+    drives it, destroys it when the peer is gone, and begins anew."""
 
 
 class Entity(Base, frozen=True, kw_only=True):
@@ -148,9 +155,13 @@ class Fault(Step, frozen=True, kw_only=True):
     ``lose``, ``duplicate``, ``reorder``: that publisher publishes ``count`` samples under this step's
     label, and none of them arrives, each arrives twice, the last one arrives first.
     ``partition``: nothing passes between that session and the others; ``block``: nothing ``out`` of it,
-    or ``in``; ``delay``: what it sends arrives ``by`` so much later; ``stall``: what it sends is held back;
-    ``bus_off``: its controller is off the bus; ``heal``: all passes again, in order what was held back.
+    or ``in``; ``delay``: what it sends arrives ``by`` so much later; ``stall``: what it sends stops in the middle
+    of a frame; ``bus_off``: its controller is off the bus; ``heal``: all passes again, in order what was held back.
     ``inject``: ``count`` malformed packets reach that session.
+    ``crash``: SIGKILL to the process of that session, which has one of its own; ``freeze``: SIGSTOP, until
+    ``thaw``; ``clock_step``: its wall clock is set forward by ``by``, or back if that is negative.
+    ``stop``: the peer of the sessions (agent, router, broker) ends, with ``kill`` by SIGKILL; ``start``: a new
+    one begins at the same endpoint, which knows nothing of the one before. Neither takes an ``of``.
     ``preset``: the total (or alive_count) of event ``kind`` on that entity becomes ``count``; without
     ``kind``, the number that the wire or the queue gives to the next sample of its topic.
     """
@@ -162,6 +173,31 @@ class Fault(Step, frozen=True, kw_only=True):
     by: Duration | None = None
     for_: Duration | None = field(default=None, name="for")
     direction: Literal["out", "in"] | None = None
+    kill: bool = False
+
+
+class Until(Step, frozen=True, kw_only=True):
+    """Drive in the background until something is so, at most for ``limit``; answers whether it was.
+
+    ``heard``: publisher ``by`` publishes ``every`` so often until ``of`` (``take: always``) has taken one of
+    these samples. ``reported``: ``session`` has answered anything but OK: drive_io in the background, a ping
+    ``every`` so often (with that timeout), or ``by`` publishing, if it is named. ``reachable``: a ping before
+    any session, ``every`` so often, answers OK. ``connected``: the reconnector of ``session`` is connected.
+    """
+
+    until: Literal["heard", "reported", "reachable", "connected"]
+    limit: Duration
+    every: Duration = Duration.parse("0.5T")
+    by: EntityName | None = None
+    of: EntityName | None = None
+    session: Identifier | None = None
+
+
+class Repeat(Step, frozen=True, kw_only=True):
+    """The same steps several times, one turn after the other; the actions of a label are numbered on."""
+
+    repeat: int
+    script: list[Any]
 
 
 class Settle(Step, frozen=True, kw_only=True):
@@ -263,6 +299,15 @@ class Spin(Repeated, frozen=True, kw_only=True):
     cap: int | None = None
 
 
+class Ping(Repeated, frozen=True, kw_only=True):
+    """``ping``, of ``session``, or without one the ping before any session exists."""
+
+    do: Literal["ping"]
+    session: Identifier | None = None
+    timeout: Duration
+    attempts: int = 1
+
+
 class Released(Step, frozen=True, kw_only=True):
     """Whether callback and context of these registrations are gone, now that nobody else refers to them."""
 
@@ -273,18 +318,21 @@ class Released(Step, frozen=True, kw_only=True):
     """Of all but the last one, which is still in force."""
 
 
-Quantity: TypeAlias = Literal["cpu", "threads", "descriptors", "memory"]
+Quantity: TypeAlias = Literal["cpu", "threads", "descriptors", "memory", "listed", "checks", "probes"]
 
 
 class Measure(Step, frozen=True, kw_only=True):
-    """Write down a quantity of the process.
+    """Write down a quantity.
 
-    ``cpu``: the processor time that all its threads have used; ``threads`` and ``descriptors``: how many there
-    are; ``memory``: bytes that are resident, after the garbage is collected.
+    Of the process: ``cpu``, the processor time that all its threads have used; ``threads`` and ``descriptors``, how
+    many there are; ``memory``, bytes that are resident after the garbage is collected. As the peer tells it:
+    ``listed``, how many entities with the topic and the side of entity ``of`` it has in its graph;
+    ``checks``, how many hard liveliness pings it has sent; ``probes``, how many pings of clients it has seen.
     """
 
     do: Literal["measure"]
     what: Quantity
+    of: EntityName | None = None
 
 
 class Raise(Step, frozen=True, kw_only=True):
@@ -318,21 +366,23 @@ Doing: TypeAlias = (
     | Destroy
     | Call
     | Spin
+    | Ping
     | Released
     | Measure
     | Raise
 )
-AnyStep: TypeAlias = Drive | Idle | Phase | Cycle | Parallel | Fault | Doing
+AnyStep: TypeAlias = Drive | Idle | Phase | Cycle | Parallel | Fault | Until | Repeat | Doing
 
 DOINGS: dict[str, type[Step]] = {
     "settle": Settle, "publish": Publish, "assert": Assert, "take": Take, "has_data": HasData, "register": Register,
-    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin,
+    "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin, "ping": Ping,
     "released": Released, "measure": Measure, "raise": Raise,
 }  # fmt: skip
 """By the value of ``do``."""
 
 STEPS: dict[str, type[Step]] = {
-    "drive": Drive, "idle": Idle, "phase": Phase, "cycle": Cycle, "parallel": Parallel, "fault": Fault,
+    "drive": Drive, "idle": Idle, "phase": Phase, "cycle": Cycle, "parallel": Parallel, "fault": Fault, "until": Until,
+    "repeat": Repeat,
 }  # fmt: skip
 """By head; a step with ``do`` is one of `DOINGS`."""
 
@@ -611,6 +661,9 @@ class Scenario(Base, frozen=True, kw_only=True):
     """This scenario is the stimulus that decides whether a claimed event works at all."""
     refusal: KindName | None = None
     """This scenario is the proof that an event which is not claimed is absent. Plays only then."""
+    peer: Literal["present", "absent"] = "present"
+    """``absent``: the agent, router or broker is not there until a ``start`` step. Sessions without a
+    reconnector are then created together with the first entity that is created on them."""
     sessions: dict[Identifier, Session] = {}
     entities: dict[Identifier, Entity]
     script: list[Any]

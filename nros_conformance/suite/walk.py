@@ -8,14 +8,30 @@ from typing import Any
 
 from nros_conformance.formats.places import Path_
 from nros_conformance.suite.moments import Moment
-from nros_conformance.suite.schema import AnyOf, Base, Cycle, Entity, Expectation, Parallel, Reaction, Scenario, Step
+from nros_conformance.suite.schema import (
+    AnyOf,
+    Base,
+    Cycle,
+    Entity,
+    Expectation,
+    Parallel,
+    Reaction,
+    Repeat,
+    Scenario,
+    Step,
+)
 
 
 def steps(scenario: Scenario) -> Iterator[tuple[Path_, Step]]:
-    """All steps, those of parallel branches after the step that they belong to, those of reactions last."""
+    """All steps, those of branches and repeats after the step that they belong to, those of reactions last."""
     yield from _steps(scenario.script, ("script",))
     for _, _, path, step in reaction_steps(scenario):
         yield path, step
+
+
+def step_labels(scenario: Scenario) -> list[str]:
+    """The label of each of `steps`: what ``as`` says, else its position, ``#3``."""
+    return [step.as_ or f"#{number}" for number, (_, step) in enumerate(steps(scenario), 1)]
 
 
 def reaction_steps(scenario: Scenario) -> Iterator[tuple[Path_, Reaction, Path_, Step]]:
@@ -32,7 +48,7 @@ def _steps(script: Sequence[Step], path: Path_) -> Iterator[tuple[Path_, Step]]:
         if isinstance(step, Parallel):
             for number, branch in enumerate(step.parallel):
                 yield from _steps(branch, (*path, index, "parallel", number))
-        if isinstance(step, Cycle):
+        if isinstance(step, Cycle | Repeat):
             yield from _steps(step.script, (*path, index, "script"))
 
 

@@ -189,6 +189,17 @@ class FaultRecord(Record, frozen=True, kw_only=True, tag="fault"):
     detail: dict[str, Any] = {}
 
 
+class Changed(Record, frozen=True, kw_only=True, tag="changed"):
+    """The reconnector of a session went from one state to another at ``t``."""
+
+    session: str
+    before: str
+    state: str
+    """``WAITING_AGENT``, ``AGENT_AVAILABLE``, ``AGENT_CONNECTED``, ``AGENT_DISCONNECTED``."""
+    reason: str = ""
+    t: int
+
+
 class Blind(Record, frozen=True, kw_only=True, tag="blind"):
     """Nothing could be observed in this interval (a frozen recorder, a lost connection to a device)."""
 
@@ -217,12 +228,12 @@ class Cycles(Record, frozen=True, kw_only=True, tag="cycles"):
 
 
 class Measure(Record, frozen=True, kw_only=True, tag="measure"):
-    """A measured quantity of a process."""
+    """A measured quantity of a process, or of the peer."""
 
     label: str
     what: str
     """``cpu``: the processor time that all its threads have used, ns; ``threads``, ``descriptors``: how many there
-    are; ``memory``: resident bytes."""
+    are; ``memory``: resident bytes. ``listed``, ``checks``, ``probes``: what the peer has counted."""
     value: float
     begin: int
     end: int
@@ -238,7 +249,7 @@ class End(Record, frozen=True, kw_only=True, tag="end"):
 
 
 AnyRecord: TypeAlias = (
-    Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Blind | Cycles | Measure | End
+    Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Changed | Blind | Cycles | Measure | End
 )
 
 

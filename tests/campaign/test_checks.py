@@ -16,7 +16,6 @@ from nros_conformance.campaign.checks import (
     check_lateness,
     check_loopback,
     evidence_lost,
-    find_faketime,
     try_child,
     try_multicast,
     try_tcp,
@@ -24,6 +23,7 @@ from nros_conformance.campaign.checks import (
 )
 from nros_conformance.campaign.host import HostCheck
 from nros_conformance.campaign.selection import decide
+from nros_conformance.play.faketime import find_faketime
 from nros_conformance.suite.loader import Suites, load_suites
 from tests.report.build import LVC, REFUSED, declare
 
@@ -38,6 +38,7 @@ title: A sample
 scenarios:
   - id: sample.step
     title: The wall clock is stepped
+    sessions: {sub: {process: own}}
     entities: &entities
       talker: {publisher: sensor, qos: {deadline: 1T}}
       listener: {subscription: sensor, qos: {deadline: 1T}}
@@ -52,6 +53,7 @@ scenarios:
       - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: RDM-002}
   - id: sample.crash
     title: A publisher dies
+    sessions: {pub: {process: own}}
     entities: *entities
     script: [settle, {fault: crash, of: pub, as: gone}, {drive: 2T}]
     expect:
@@ -109,9 +111,9 @@ def test_a_signal_that_there_is_not_is_noticed() -> None:
 
 
 def test_the_library_is_found_where_distributions_put_it(tmp_path: Path) -> None:
-    places = [(str(tmp_path), "faketime/libfaketime.so.1"), (str(tmp_path), "*/faketime/libfaketime.so.1")]
+    places = [(str(tmp_path), "faketime/libfaketimeMT.so.1"), (str(tmp_path), "*/faketime/libfaketimeMT.so.1")]
     assert find_faketime(places) is None
-    library = tmp_path / "x86_64-linux-gnu" / "faketime" / "libfaketime.so.1"
+    library = tmp_path / "x86_64-linux-gnu" / "faketime" / "libfaketimeMT.so.1"
     library.parent.mkdir(parents=True)
     library.touch()
     assert find_faketime(places) == library

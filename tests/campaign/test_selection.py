@@ -62,7 +62,7 @@ def test_a_name_that_nothing_has_is_an_error(suites: Suites, selection: Selectio
     ("uorb", "rdm.recovery", "not-applicable", "RequestedDeadlineMissed is not claimed"),
     ("uorb", "reg.right-callback", "not-applicable", "LivelinessChanged, RequestedDeadlineMissed are not claimed"),
     ("cyclone", "rdm.not-before-first-sample[deadline=in-qos]", "play", ""),
-    ("cyclone", "rdm.wall-clock-step[by=1s]", "untested", "the fault clock_step cannot be injected here"),
+    ("uorb", "dsp.stalled-transport", "untested", "the fault heal cannot be injected here"),
 ])  # fmt: skip
 def test_the_declaration_alone_decides_what_is_played(
     suites: Suites, backend: str, key: str, status: str, reason: str

@@ -79,7 +79,7 @@ def test_json_is_the_reports_and_nothing_else(tmp_path: Path, capsys: pytest.Cap
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (("--backend", "cyclon"), "no backend 'cyclon'; did you mean 'cyclone'?"),
-    (("--backend", "mqtt"), "no backend 'mqtt'; installed are cyclone, reference, uorb"),
+    (("--backend", "mqtt"), "no backend 'mqtt'; installed are can, cyclone, reference, uorb, zenoh"),
     (("--backend", "uorb", "--scenario", "mqtt.lost"), "no scenario 'mqtt.lost'; see: nros-conformance list scenarios"),
     (
         ("--backend", "uorb", "--scenario", "rdm.silence-after"),

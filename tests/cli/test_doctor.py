@@ -33,6 +33,7 @@ title: A sample
 scenarios:
   - id: sample.step
     title: The wall clock is stepped
+    sessions: {sub: {process: own}}
     entities: &entities
       talker: {publisher: sensor, qos: {deadline: 1T}}
       listener: {subscription: sensor, qos: {deadline: 1T}}
@@ -41,6 +42,7 @@ scenarios:
       - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: RDM-006}
   - id: sample.crash
     title: A publisher dies
+    sessions: {pub: {process: own}}
     entities: *entities
     script: [settle, {fault: crash, of: pub, as: gone}, {drive: 2T}]
     expect:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import functools
 import sys
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,13 +39,15 @@ class _Forgets(World):
             self.__dict__.setdefault("forgotten", set()).add(id_)
         return super()._tell(id_, publisher, at_ns, alive)
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
         forgotten = self.__dict__.get("forgotten", set())
         if id_ in forgotten and not lost:
             forgotten.remove(id_)
             for subscription in self._subscriptions.values():
                 subscription.heard[id_] = self._publishers[id_].sequence
-        return super().publish(id_, data, at_ns, lost=lost)
+        return super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
 
 
 class Forgetful(ReferenceBackend):

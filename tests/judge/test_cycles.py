@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from nros_conformance.trace.records import Cycles, Measure
+from nros_conformance.trace.records import Cycles
 from tests.judge.build import act, finding, ms
 
 
@@ -57,28 +57,3 @@ def test_samples_and_events(range_: list[int] | None, outcome: str, got: str) ->
 def test_without_a_turn_nothing_is_said() -> None:
     found = finding({**LOOP, "sampled": "listener"})
     assert (found.outcome, found.got) == ("none", "no cycle of loop was played")
-
-
-@pytest.mark.parametrize(
-    ("bounds", "outcome", "got"),
-    [
-        ({"since": "before", "at_most": 0}, "fail", "2 more than at before"),
-        ({"since": "before", "at_most": 2}, "pass", "2 more than at before"),
-        ({"is": 7}, "pass", "7"),
-        ({"is": 6}, "fail", "7"),
-        ({"at_least": 8}, "fail", "7"),
-    ],
-)
-def test_counted(bounds: dict[str, Any], outcome: str, got: str) -> None:
-    numbers = [
-        Measure(label=label, what="threads", value=value, begin=ms(at), end=ms(at))
-        for label, value, at in (("before", 5, 1), ("after", 7, 2))
-    ]
-    found = finding({"counted": "after", **bounds}, *numbers)
-    assert (found.outcome, found.got) == (outcome, got)
-
-
-def test_memory_is_told_in_kilobytes() -> None:
-    numbers = [Measure(label="a", what="memory", value=4096, begin=ms(1), end=ms(1))]
-    found = finding({"counted": "a", "at_most": 2048}, *numbers)
-    assert (found.outcome, found.wanted, found.got) == ("fail", "memory at a: at most 2 kB", "4 kB")

@@ -64,19 +64,25 @@ class _Recorder(ReferenceBackend):
     ({"fault": "partition", "of": "pub"}, {"session"}),
     ({"fault": "block", "of": "pub", "direction": "in"}, {"session", "direction"}),
     ({"fault": "heal", "of": "pub"}, {"session"}),
+    ({"fault": "stall", "of": "pub"}, {"session"}),
+    ({"fault": "bus_off", "of": "pub"}, {"session"}),
+    ({"fault": "delay", "of": "pub", "by": "3T"}, {"session", "by_ns"}),
+    ({"fault": "inject", "of": "pub", "count": 5}, {"session", "count", "seed"}),
     ({"fault": "duplicate", "of": "talker", "count": 2}, {"entity", "count", "publish"}),
     ({"fault": "reorder", "of": "talker", "count": 2}, {"entity", "count", "publish"}),
     ({"fault": "preset", "of": "talker", "count": 7}, {"entity", "count", "kind"}),
 ])  # fmt: skip
-def test_the_backend_is_told_whom_the_fault_hits_and_its_refusal_is_recorded(
+def test_the_backend_is_told_whom_the_fault_hits_and_its_refusal_ends_the_play(
     step: dict[str, Any], keys: set[str]
 ) -> None:
     _Recorder.asked = []
-    (fault,) = of(play([step], adapter=_Recorder), FaultRecord)
+    records = play([step], adapter=_Recorder, outcome="raised")
+    (fault,) = of(records, FaultRecord)
     ((name, arguments),) = _Recorder.asked
     assert (name, set(arguments)) == (step["fault"], keys)
     assert "session" not in keys or isinstance(arguments["session"], Session)
     assert fault.detail == {"code": -5}
+    assert records[-1].detail == f"inject({step['fault']}) answered UNSUPPORTED, though backend.toml declares the fault"
 
 
 def test_a_fault_that_nobody_can_inject_ends_the_play() -> None:

@@ -22,7 +22,7 @@ FINE = ("reg.raises-liveliness-changed", "reg.wrong-side-is-refused")
 
 @pytest.fixture(autouse=True)
 def _adapters(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(ADAPTERS))
+    monkeypatch.syspath_prepend(ADAPTERS)
 
 
 def plans(

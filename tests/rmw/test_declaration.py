@@ -128,5 +128,40 @@ def test_an_adapter_without_declaration_or_module_says_so(package: Path) -> None
     error = find_backend("mine:Backend").error
     assert str(error) == f"{package / 'backend.toml'}: there is no declaration; write one; docs/backend-toml.md"
     assert str(find_backend("nowhere:Backend").error) == "nowhere:Backend: there is no module 'nowhere'"
-    with pytest.raises(BackendNotFound, match="no backend 'mqtt'; installed are cyclone, reference, uorb"):
+    with pytest.raises(BackendNotFound, match="no backend 'mqtt'; installed are can, cyclone, reference, uorb, zenoh"):
         find_backend("mqtt")
+
+
+VARIANTS = """
+[variants.alone]
+
+[variants.routed]
+connection = { ping = "round_trip", peer = "router", lease = "500 ms" }
+"""
+
+
+def test_a_variant_replaces_fields_of_the_connection_and_leaves_the_rest() -> None:
+    declaration = load_declaration(Path("b.toml"), GOOD + VARIANTS)
+    routed = declaration.in_variant("routed").connection
+    assert (routed.ping, routed.peer, routed.lease.ns({})) == ("round_trip", "router", 500_000_000)
+    assert (routed.absent, routed.reconnect) == ("not-yet", "no")
+    assert declaration.in_variant("alone") is declaration
+
+
+@pytest.mark.parametrize(
+    ("facts", "message"),
+    [
+        (
+            '{ pinh = "no" }',
+            "b.toml:36: unknown key 'pinh'; did you mean 'ping'?",
+        ),
+        (
+            '{ ping = "no", absent = "never", because = "" }',
+            'b.toml:36: ping = "no" without a reason; add because = ...',
+        ),
+    ],
+)
+def test_what_a_variant_says_is_checked_at_its_line(facts: str, message: str) -> None:
+    with pytest.raises(FormatError) as error:
+        load_declaration(Path("b.toml"), f"{GOOD}\n[variants.x]\nconnection = {facts}\n")
+    assert str(error.value) == message

@@ -61,18 +61,19 @@ STRUCTURE = [
     (
         "{drive: 2T,",
         "{wait: 2T,",
-        "13: unknown head 'wait' of a step; valid are cycle, do, drive, fault, idle, parallel, phase",
+        "13: unknown head 'wait' of a step; valid are cycle, do, drive, fault, idle, parallel, phase, repeat, until",
     ),
     ("{drive: 2T,", "{drive: 2T, idle: 2T,", "13: a step with several heads: drive, idle; write one for each"),
     (
         "{drive: 2T, as: silence}",
         "{}",
-        "13: a step that says nothing; a step has one of drive, idle, phase, cycle, parallel, fault, do",
+        "13: a step that says nothing; a step has one of drive, idle, phase, cycle, parallel, fault, until, repeat, do",
     ),
     (
         "{drive: 2T, as: silence}",
         "2",
-        "13: 2 is not a step; a step is a mapping with one of drive, idle, phase, cycle, parallel, fault, do",
+        "13: 2 is not a step; a step is a mapping with one of "
+        "drive, idle, phase, cycle, parallel, fault, until, repeat, do",
     ),
     ("do: publish", "do: publsh", "11: do: unknown value 'publsh'; did you mean 'publish'?"),
     ("do: publish", "do: [publish]", "11: do: unknown value ['publish']; did you mean 'publish'?"),
@@ -334,7 +335,7 @@ DURATIONS = [
     ),
     (TITLE, f"{TITLE}    scale: {{T: 1T}}\n", "6: T: 1T depends on T; give a plain duration such as 130ms"),
     (TITLE, f"{TITLE}    scale: {{T: 0}}\n", "6: T: 0 is not a positive duration"),
-    ("{drive: 2T,", "{fault: freeze, of: sub, for: -1T,", "13: for: the duration '-1T' is negative"),
+    ("{drive: 2T,", "{fault: delay, of: sub, by: -1T,", "13: by: the duration '-1T' is negative"),
     (
         TITLE,
         f"{TITLE}    sessions: {{pub: {{slice: 0}}}}\n",
@@ -356,4 +357,13 @@ def test_durations_that_may_pass(scenarios: Callable[[str], tuple[object, ...]],
 
 
 def test_a_wall_clock_may_step_back(scenarios: Callable[[str], tuple[object, ...]]) -> None:
-    assert scenarios(GOOD.replace("{drive: 2T,", "{fault: clock_step, of: sub, by: -3600s,"))
+    apart = GOOD.replace(TITLE, f"{TITLE}    sessions: {{sub: {{process: own}}}}\n")
+    assert scenarios(apart.replace("{drive: 2T,", "{fault: clock_step, of: sub, by: -3600s,"))
+
+
+@pytest.mark.parametrize("fault", ["crash", "freeze", "thaw", "clock_step, by: 1s"])
+def test_a_fault_of_a_process_needs_one(message: Message, fault: str) -> None:
+    assert message(GOOD.replace("{drive: 2T,", f"{{fault: {fault}, of: sub,")) == (
+        f"suites/sample.yaml:13: {fault.split(',')[0]} hits a process, and session 'sub' shares one; "
+        "add sessions: {sub: {process: own}}"
+    )

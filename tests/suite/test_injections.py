@@ -66,10 +66,6 @@ def test_a_fault_that_publishes_is_referred_to_like_a_publish_step(
         "18: others share the process; add needs: {process: own}",
     ),
     (
-        "    needs: {process: own, clock: real}\n", "    needs: {process: own}\n",
-        "18: virtual time costs no processor time; add needs: {clock: real}",
-    ),
-    (
         "from: before", "from: data",
         "26: from: 'data' is a step with do: publish; name one with do: measure",
     ),
@@ -96,6 +92,7 @@ def test_what_a_backend_declares_can_be_asked_for_and_nothing_else() -> None:
     assert injectable("lose", {"lose": "how"})
     assert not injectable("lose", {"duplicate": "how"})
     assert injectable("heal", {"block": "how"})
+    assert injectable("thaw", {"freeze": "how"})
     assert not injectable("overflow", {"overflow": "how"})
     assert {fault for fault in INJECTIONS if publishes(Fault(fault=fault))} == {"lose", "duplicate", "reorder"}  # type: ignore[arg-type]
 

@@ -88,8 +88,8 @@ EVERYTHING = """\
       - {agrees: supported, with: registered, proves: RDM-001}
       - {admitted: late, proves: RDM-001}
       - {measured: cpu, from: before, to: after, at_most: 0.5T, proves: RDM-002}
-      - {counted: after, since: before, at_most: 0, proves: RDM-002}
       - {cycles: turns, step: turned, is: [OK], proves: RDM-002}
+      - {counted: after, since: before, at_least: 0, at_most: 3, proves: RDM-002}
       - {received: data, of: listener, is: 2, proves: RDM-001}
       - {conserved: listener, from: [crowd], since: data, proves: RDM-001}
       - {inside: spins, event: LivelinessChanged, of: listener, status: {alive_count: 3}, proves: RDM-001}

@@ -43,7 +43,7 @@ from nros_backends.cyclone.network import DOMAINS, LEASE_MAX_MS, LEASE_MS, Netwo
 from nros_backends.cyclone.publisher import CyclonePublisher
 from nros_backends.cyclone.session import CycloneSession
 from nros_backends.cyclone.subscription import CycloneSubscription
-from nros_conformance.rmw.backend import Backend, Host, Publisher, Session, SessionOptions, Subscription
+from nros_conformance.rmw.backend import Backend, Entity, Host, Publisher, Session, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
@@ -102,6 +102,15 @@ class CycloneBackend(Backend):
         if not publisher.send_heartbeat():
             clock.wait(None, clock.now_ns() + _HANDSHAKE_NS)
         return True
+
+    def matched(self, entity: Entity) -> int | None:
+        """Counted by DDS; a writer has its readers see a heartbeat, as in `await_matched`."""
+        if not isinstance(entity, CyclonePublisher | CycloneSubscription):
+            return None
+        count = entity.matched()
+        if count and isinstance(entity, CyclonePublisher) and not entity.send_heartbeat():
+            self.host.clock.wait(None, self.host.clock.now_ns() + _HANDSHAKE_NS)
+        return count
 
     def inject(self, fault: str, **arguments: Any) -> int:
         """See `faults`."""

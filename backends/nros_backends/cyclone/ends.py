@@ -99,6 +99,10 @@ class End(Entity, abc.ABC):
     def knows(self, guid: uuid.UUID) -> bool:
         """Whether DDS has matched it with the endpoint of this GUID."""
 
+    @abc.abstractmethod
+    def matched(self) -> int:
+        """How many endpoints DDS has matched it with."""
+
     def next_due_ns(self) -> int:
         """When the shim's deadline clock has to be looked at next."""
         return NEVER if self.deadline is None else self.deadline.next_due_ns

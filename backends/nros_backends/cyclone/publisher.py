@@ -112,6 +112,10 @@ class CyclonePublisher(End, Publisher):
         found = (writer.get_matched_subscription_data(handle) for handle in handles)
         return any(end is not None and end.key == guid for end in found)
 
+    def matched(self) -> int:
+        writer = self._writer
+        return 0 if writer is None else len(handles_of(writer.get_matched_subscriptions))
+
     def _time(self, period_ns: int) -> None:
         self._note_sent()
         super()._time(period_ns)

@@ -138,6 +138,10 @@ class CycloneSubscription(End, Subscription):
         found = (reader.get_matched_publication_data(handle) for handle in handles)
         return any(end is not None and end.key == guid for end in found)
 
+    def matched(self) -> int:
+        reader = self.reader
+        return 0 if reader is None else len(handles_of(reader.get_matched_publications))
+
     def release(self) -> None:
         with self._lock:
             self.reader = None

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import heapq
 import re
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import count
 from typing import Any
 
-from nros_backends.reference.link import LARGEST, Link, decode, malformed
+from nros_backends.reference.connection import ConnectedSession
+from nros_backends.reference.link import Delayed, ReferenceEnvironment
+from nros_backends.reference.wire import LARGEST, decode, malformed
+from nros_conformance.model.agent import Agent
 from nros_conformance.model.world import Occurrence, Sample, Topic, World
 from nros_conformance.rmw.backend import (
     Backend,
     Host,
     MessageCallback,
     Publisher,
-    Session,
     SessionOptions,
     Subscription,
 )
@@ -26,14 +29,11 @@ from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
 from nros_conformance.rmw.events import EventCallback, EventKind, Side
 from nros_conformance.rmw.qos import QosProfile
 
-CONNECTION_LEASE_MS = 500
-"""As declared: how long a publisher without a lease of its own outlives a broken link."""
-
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 
 
 class ReferenceBackend(Backend):
-    """One world for all sessions of a scenario.
+    """One world, and one agent, for all sessions of a scenario. Without `environment` the agent is always there.
 
     The types and small methods below are what a defective variant replaces.
     """
@@ -48,6 +48,9 @@ class ReferenceBackend(Backend):
         self.lock = threading.RLock()
         self.ids = count()
         self.entities: dict[int, ReferencePublisher | ReferenceSubscription] = {}
+        self.sessions: dict[int, ReferenceSession] = {}
+        self.agent = Agent(lambda client: client in self.sessions and self.sessions[client].answers_checks())
+        self.delayed: list[Delayed] = []
 
     @property
     def session_type(self) -> type[ReferenceSession]:
@@ -57,6 +60,18 @@ class ReferenceBackend(Backend):
     def create_session(self, options: SessionOptions) -> ReferenceSession:
         return self.session_type(self, options)
 
+    def environment(self) -> ReferenceEnvironment:
+        return ReferenceEnvironment(self)
+
+    def ping(self, options: SessionOptions, timeout_ms: int, attempts: int = 1) -> int:
+        for _ in range(max(attempts, 1)):
+            with self.lock:
+                self.agent.probes += self.agent.up
+                if self.agent.up:
+                    return ReturnCode.OK
+            self.clock.wait(None, self.clock.now_ns() + max(timeout_ms, 0) * MS)
+        return ReturnCode.TIMEOUT
+
     def await_matched(self, publisher: Publisher, subscription: Subscription, until_ns: int) -> bool:
         assert isinstance(publisher, ReferencePublisher)
         assert isinstance(subscription, ReferenceSubscription)
@@ -65,10 +80,10 @@ class ReferenceBackend(Backend):
 
     def inject(self, fault: str, **arguments: Any) -> int:
         """All that the declaration lists; processes and their clocks are simulated too."""
-        entity, session = arguments.get("entity"), arguments.get("session")
+        session = arguments.get("session")
         if isinstance(session, ReferenceSession):
-            with self.lock:
-                return self._hit(fault, session, arguments)
+            return session.hit(fault, arguments)
+        entity = arguments.get("entity")
         if fault == "preset" and isinstance(entity, ReferencePublisher | ReferenceSubscription):
             return entity.preset(arguments["kind"], arguments["count"])
         if isinstance(entity, ReferencePublisher):
@@ -86,68 +101,54 @@ class ReferenceBackend(Backend):
 
     def _again(self, publisher: ReferencePublisher) -> None:
         """What it sent last arrives once more. Reordering shows nowhere: the link puts samples in order."""
-        for subscription in self.heard_by(publisher):
-            subscription.repeated(publisher.id, self.clock.now_ns())
+        for entity in self.entities.values():
+            if isinstance(entity, ReferenceSubscription) and self.world.matched(publisher.id, entity.id):
+                entity.repeated(publisher.id, self.clock.now_ns())
 
-    def _hit(self, fault: str, session: ReferenceSession, arguments: dict[str, Any]) -> int:
-        link = session.link
-        match fault:
-            case "partition":
-                link.out = link.inward = False
-            case "block":
-                link.out, link.inward = link.out and arguments["direction"] != "out", arguments["direction"] == "out"
-            case "heal":
-                link.heal()
-                session.signal.set()
-            case "crash" | "freeze":
-                link.down = True
-            case "thaw":
-                link.down = False
-            case "stall":
-                link.stalled = True
-            case "delay":
-                link.delay_ns = arguments["by_ns"]
-            case "clock_step":
-                session.wall_clock_step_ns += arguments["by_ns"]
-            case "inject":
-                publisher = next((id_ for id_, one in self.entities.items() if one.side is Side.PUBLISHER), 0)
-                for packet in malformed(publisher, arguments["count"], arguments["seed"]):
-                    session.receive(packet)
-        self.relink()
-        return ReturnCode.OK
-
-    def heard_by(self, publisher: ReferencePublisher) -> list[ReferenceSubscription]:
-        """The subscriptions that a publisher reaches now."""
-        return [
-            entity
-            for entity in self.entities.values()
-            if isinstance(entity, ReferenceSubscription)
-            and self.world.matched(publisher.id, entity.id)
-            and self.reaches(publisher.session, entity.session)
-        ]
-
-    def reaches(self, sender: ReferenceSession, receiver: ReferenceSession) -> bool:
-        """Whether what one session sends arrives at the other."""
-        if sender.link.down or receiver.link.down:
-            return False
-        return sender is receiver or (sender.link.out and receiver.link.inward)
-
-    def relink(self) -> None:
-        """Have the world know who reaches whom."""
+    def silence(self, session: ReferenceSession) -> None:
+        """A process has stopped, or goes on: have the world know whom its publishers reach."""
         now = self.clock.now_ns()
-        pairs = [
-            (one, other)
-            for one in self.entities.values()
-            if isinstance(one, ReferencePublisher)
-            for other in self.entities.values()
-            if isinstance(other, ReferenceSubscription)
-        ]
-        for publisher, subscription in pairs:
-            if self.reaches(publisher.session, subscription.session):
-                self.tell(self.world.restore(publisher.id, subscription.id, now))
-            elif self.world.matched(publisher.id, subscription.id):
-                lease = publisher.session.options.connection_lease_ms or CONNECTION_LEASE_MS
-                self.tell(self.world.sever(publisher.id, subscription.id, lease, now))
+        for publisher in [one for one in self.entities.values() if one.side is Side.PUBLISHER]:
+            for subscription in [one for one in self.entities.values() if one.side is Side.SUBSCRIPTION]:
+                if session not in (publisher.session, subscription.session):
+                    continue
+                if publisher.session.link.down or subscription.session.link.down:
+                    if self.world.matched(publisher.id, subscription.id):
+                        self.tell(
+                            self.world.sever(publisher.id, subscription.id, publisher.session.link.lease // MS, now)
+                        )
+                else:
+                    self.tell(self.world.restore(publisher.id, subscription.id, now))
+
+    def advance(self) -> None:
+        """Let the world, the agent and the links catch up with the clock, in the order of what is due."""
+        now = self.clock.now_ns()
+        while (due := self.next_due_ns) <= now:
+            self.tell(self.world.advance(due))
+            while self.delayed and self.delayed[0].at_ns <= due:
+                heapq.heappop(self.delayed).arrive()
+            for ruling in self.agent.advance(due):
+                self.sessions[ruling.client].given_up(ruling.at_ns, for_good=ruling.what == "removed")  # type: ignore[index]
+            for session in list(self.sessions.values()):
+                session.notice(due)
+        self.tell(self.world.advance(now))
+
+    @property
+    def next_due_ns(self) -> int:
+        """When something happens by itself next."""
+        return min(
+            self.world.next_due_ns,
+            self.agent.next_due_ns,
+            *(delayed.at_ns for delayed in self.delayed[:1]),
+            *(session.notices_ns for session in self.sessions.values()),
+        )
+
+    def peer_changed(self) -> None:
+        """The agent went, or a new one came: the sessions of before are unknown to it."""
+        self.advance()
+        for session in list(self.sessions.values()):
+            session.link_changed()
+            session.signal.set()
 
     def tell(self, occurrences: Iterable[Occurrence]) -> None:
         """Hand occurrences to the entities that they concern, and wake their sessions."""
@@ -158,22 +159,19 @@ class ReferenceBackend(Backend):
                 entity.session.signal.set()
 
 
-class ReferenceSession(Session):
+class ReferenceSession(ConnectedSession):
     """A session: its own ready queue over the shared world."""
 
     queue_type: type[ReadyQueue] = ReadyQueue
 
     def __init__(self, backend: ReferenceBackend, options: SessionOptions) -> None:
-        self.backend = backend
-        self.clock = backend.clock
-        self.options = options
         self.queue = self.queue_type()
-        self.link = Link()
+        self.held: list[Callable[[], None]] = []
+        """What is sent while the link is stalled."""
         self.wall_clock_step_ns = 0
         """By how much the wall clock of its process was stepped; nothing looks at it (RDM-006)."""
-        self.signal = self.clock.signal()
-        self.entities: list[ReferencePublisher | ReferenceSubscription] = []
         self.destroyed = False
+        super().__init__(backend, options)
 
     @property
     def publisher_type(self) -> type[ReferencePublisher]:
@@ -184,6 +182,38 @@ class ReferenceSession(Session):
     def subscription_type(self) -> type[ReferenceSubscription]:
         """What `create_subscription` makes."""
         return ReferenceSubscription
+
+    def hit(self, fault: str, arguments: dict[str, Any]) -> int:
+        """A fault of its link, or of its process."""
+        with self.backend.lock:
+            self.backend.advance()
+            match fault:
+                case "crash" | "freeze" | "thaw":
+                    self.link.down = fault != "thaw"
+                    self.backend.silence(self)
+                case "stall":
+                    self.link.stalled = True
+                case "clock_step":
+                    self.wall_clock_step_ns += arguments["by_ns"]
+                case "inject":
+                    entities = self.backend.entities.items()
+                    publisher = next((id_ for id_, one in entities if one.side is Side.PUBLISHER), 0)
+                    for packet in malformed(publisher, arguments["count"], arguments["seed"]):
+                        self.receive(packet)
+                case _:
+                    code = self.suffer(fault, arguments)
+                    if fault == "heal":
+                        self.link.stalled = False
+                        held, self.held = self.held, []
+                        for send in held:
+                            send()
+                    return code
+        return ReturnCode.OK
+
+    def receive(self, packet: bytes) -> None:
+        """A packet that came from nobody known. What is no frame of ours is dropped (ROB-001)."""
+        frame = decode(packet)
+        assert frame is None, "nobody but the harness sends here, and it sends nothing valid"
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> ReferencePublisher:
         key, qos = self.admit(topic, type_name, qos)
@@ -203,10 +233,10 @@ class ReferenceSession(Session):
             self.signal.clear()
             if self.poll():
                 self.queue.drain(max_callbacks)
-                return ReturnCode.OK
+                return self.code
             now = self.clock.now_ns()
-            if now >= until:
-                return ReturnCode.OK
+            if now >= until or self.lost:
+                return self.code
             self.clock.wait(self.signal, min(until, self.next_due_ns()))
 
     def poll(self) -> bool:
@@ -214,38 +244,34 @@ class ReferenceSession(Session):
         if self.link.down:
             return False  # a process that does not run
         with self.backend.lock:
-            now = self.clock.now_ns()
-            for arrival in [one for one in self.link.held if one[0] <= now]:
-                self.link.held.remove(arrival)
-                arrival[1]()
-            self.backend.tell(self.backend.world.advance(now))
+            self.backend.advance()
             for entity in self.entities:
                 entity.registry.poll()
         return len(self.queue) > 0
 
     def next_due_ns(self) -> int:
-        """When the world does something by itself next."""
+        """When something happens by itself next."""
         if self.link.down:
             return NEVER
         with self.backend.lock:
-            return min([self.backend.world.next_due_ns, *(when for when, _ in self.link.held)])
-
-    def receive(self, packet: bytes) -> None:
-        """A packet that came from nobody known. What is no frame of ours is dropped (ROB-001)."""
-        frame = decode(packet)
-        assert frame is None, "nobody but the harness sends here, and it sends nothing valid"
+            return self.backend.next_due_ns
 
     def destroy(self) -> int:
         for entity in list(self.entities):
             entity.destroy()
+        with self.backend.lock:
+            code = ReturnCode.OK if self.connected else ReturnCode.TIMEOUT  # all is released nevertheless (C22)
+            self.backend.agent.leave(self.id)
+            self.backend.sessions.pop(self.id, None)
         self.destroyed = True
         self.signal.set()
-        return ReturnCode.OK
+        return code
 
     def admit(self, topic: str, type_name: str, qos: QosProfile) -> tuple[Topic, QosProfile]:
         """What identifies the topic, and the QoS in force. Raises `RmwError`."""
         if self.destroyed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
+        self.await_peer()
         qos.check()
         if not _NAME.fullmatch(topic) or not type_name:
             raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r}, type {type_name!r}")
@@ -344,21 +370,37 @@ class ReferencePublisher(_Entity, Publisher):
             return ReturnCode.INVALID_ARGUMENT
         if len(data) > LARGEST:
             return ReturnCode.MESSAGE_TOO_LARGE
+        if self.session.lost:
+            return ReturnCode.CONNECTION_FAILED
         with self.backend.lock:
-            link, now = self.session.link, self.backend.clock.now_ns()
-            if link.stalled or link.delay_ns:
-                when = NEVER if link.stalled else now + link.delay_ns
-                link.held.append((when, lambda: self.send(data)))
+            self.backend.advance()
+            now = self.backend.clock.now_ns()
+            if self.session.link.stalled:
+                self.session.held.append(lambda: self.send(data))
+            elif self.session.link.delay:
+                order = next(self.backend.ids)
+                heapq.heappush(
+                    self.backend.delayed, Delayed(now + self.session.link.delay, order, lambda: self.send(data))
+                )
             else:
                 self.send(data)
         return ReturnCode.OK
 
     def send(self, data: bytes) -> None:
-        """Put a sample on the wire; with the lock held."""
+        """What was published comes to the agent, and from there to whom it reaches."""
+        if self.destroyed:
+            return
         now = self.backend.clock.now_ns()
-        self.backend.tell(self.backend.world.publish(self.id, data, now, lost=self.unheard))
-        for subscription in self.backend.heard_by(self):
-            subscription.arrived(self.id, now)
+        heard = self.session.link.out and self.backend.agent.knows(self.session.id)
+        if heard:
+            self.backend.agent.hears(self.session.id, now)
+        listeners = [one for one in self.backend.entities.values() if isinstance(one, ReferenceSubscription)]
+        deaf = {one.id for one in listeners if not one.session.link.in_}
+        lost = self.unheard or not heard
+        self.backend.tell(self.backend.world.publish(self.id, data, now, lost=lost, deaf=deaf))
+        for one in listeners:
+            if self.backend.world.matched(self.id, one.id):
+                one.arrived(self.id, now)
 
     def assert_liveliness(self) -> int:
         if self.destroyed:

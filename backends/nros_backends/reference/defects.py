@@ -16,7 +16,7 @@ class _LateSession(ReferenceSession):
     def poll(self) -> bool:
         now = self.clock.now_ns()
         with self.backend.lock:
-            self.backend.tell(self.backend.world.advance(now))
+            self.backend.advance()
             for entity in self.entities:
                 ready = [source.ready_ns for source in entity.sources.values() if source.ready_ns is not None]
                 if ready and max(ready) + _LAG <= now:

@@ -1,75 +1,94 @@
-"""The simulated link between sessions, and what can go wrong with it and with the processes at its ends."""
+"""Between the sessions and the peer: links that break and heal, and the peer that is asked."""
 
 from __future__ import annotations
 
 import dataclasses
-import random
-import struct
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-MAGIC = b"RF"
-_HEAD = struct.Struct("<2sBqII")
-LARGEST = 2**20
-"""Bytes of the largest sample."""
+from nros_conformance.rmw.backend import Environment, Listed
+from nros_conformance.rmw.clock import NEVER
+
+if TYPE_CHECKING:
+    from nros_backends.reference.backend import ReferenceBackend
+
+ENDPOINT = "reference"
 
 
 @dataclasses.dataclass(slots=True)
 class Link:
-    """How one session stands to the others."""
+    """The way between one session and the peer, and what the session knows of it. Times in ns."""
 
+    lease: int
     out: bool = True
-    inward: bool = True
+    in_: bool = True
+    delay: int = 0
+    """By how much what the session sends arrives later."""
     down: bool = False
     """Its process is frozen or dead: it calls nothing, and nothing reaches it."""
     stalled: bool = False
-    delay_ns: int = 0
-    held: list[tuple[int, Callable[[], None]]] = dataclasses.field(default_factory=list)
-    """What is under way, with the time at which it arrives."""
+    """What it sends is held back."""
+    silent_since: int | None = None
+    """Since when nothing has come from the peer."""
 
-    def heal(self) -> None:
-        """All passes again; what was held back arrives now."""
-        self.out = self.inward = True
-        self.stalled, self.delay_ns = False, 0
-        self.held = [(0, arrive) for _, arrive in self.held]
+    @property
+    def open(self) -> bool:
+        """Whether something passes both ways."""
+        return self.out and self.in_
 
-
-class Frame(NamedTuple):
-    """A sample on the wire; ``publisher`` -1 is somebody who numbers nothing."""
-
-    publisher: int
-    sequence: int
-    data: bytes
+    @property
+    def lost_ns(self) -> int:
+        """From when on the session knows that its peer is gone (CON-004, CON-007)."""
+        return NEVER if self.silent_since is None else self.silent_since + self.lease
 
 
-def encode(frame: Frame) -> bytes:
-    """The frame as bytes: magic, version, publisher, sequence number, length, data."""
-    return _HEAD.pack(MAGIC, 1, frame.publisher, frame.sequence, len(frame.data)) + frame.data
+class ReferenceEnvironment(Environment):
+    """The simulated agent of one backend. From the moment it is asked for, it runs when it is started."""
+
+    def __init__(self, backend: ReferenceBackend) -> None:
+        self._backend = backend
+        self._log: list[str] = []
+        backend.agent.stop()
+
+    def start(self) -> None:
+        self._note("start")
+        with self._backend.lock:
+            self._backend.agent.start()
+            self._backend.peer_changed()
+
+    def stop(self, *, kill: bool = False) -> None:
+        self._note("killed" if kill else "stop")
+        with self._backend.lock:
+            self._backend.agent.stop()
+            self._backend.peer_changed()
+
+    def endpoint(self) -> str:
+        return ENDPOINT
+
+    def log(self) -> str:
+        return "".join(self._log)
+
+    def entities(self) -> Sequence[Listed] | None:
+        with self._backend.lock:
+            return [
+                Listed(entity.side, entity.topic)
+                for entity in self._backend.entities.values()
+                if self._backend.agent.knows(entity.session.id)
+            ]
+
+    def counts(self) -> Mapping[str, int]:
+        with self._backend.lock:
+            self._backend.advance()
+            return {"checks": self._backend.agent.checks, "probes": self._backend.agent.probes}
+
+    def _note(self, what: str) -> None:
+        self._log.append(f"{self._backend.clock.now_ns() / 1e6:.1f} ms: {what}\n")
 
 
-def decode(packet: bytes) -> Frame | None:
-    """The frame of a packet; None for what is malformed, truncated, foreign or too long (ROB-001)."""
-    if len(packet) < _HEAD.size:
-        return None
-    magic, version, publisher, sequence, length = _HEAD.unpack_from(packet)
-    data = packet[_HEAD.size :]
-    if (magic, version) != (MAGIC, 1) or length > LARGEST or length != len(data):
-        return None
-    return Frame(publisher, sequence, data)
+@dataclasses.dataclass(order=True, slots=True)
+class Delayed:
+    """Something that arrives later."""
 
-
-def malformed(publisher: int, count: int, seed: int) -> Iterator[bytes]:
-    """Packets that nobody should understand, in the name of this publisher where they name one."""
-    dice = random.Random(seed)
-    for number in range(count):
-        body = dice.randbytes(dice.randrange(64))
-        whole = encode(Frame(publisher, dice.getrandbits(32), body))
-        yield (
-            whole[: dice.randrange(len(whole))],  # cut off
-            whole + b"\0" * dice.randrange(1, 9),  # too long
-            b"XX" + whole[2:],  # somebody else's protocol
-            _HEAD.pack(MAGIC, 1, publisher, number, 2**31) + body,  # two gigabytes, it says
-            _HEAD.pack(MAGIC, 9, publisher, number, len(body)) + body,  # a later version
-            body,
-            b"",
-        )[number % 7]
+    at_ns: int
+    order: int
+    arrive: Callable[[], None] = dataclasses.field(compare=False)

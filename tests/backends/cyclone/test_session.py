@@ -221,6 +221,16 @@ def test_sessions_of_another_domain_or_network_do_not_meet(stage: Stage, clock: 
     other.close()
 
 
+def test_each_end_counts_those_it_knows(stage: Stage) -> None:
+    publisher, near, far = stage.publisher(), stage.subscription(), stage.subscription()
+    assert stage.backend.matched(stage.publisher(topic="lonely")) == 0
+    stage.match(publisher, near)
+    stage.match(publisher, far)
+    assert (stage.backend.matched(publisher), stage.backend.matched(near)) == (2, 1)
+    publisher.destroy()
+    assert stage.backend.matched(publisher) == 0
+
+
 def test_two_sessions_of_the_neighbour_domain_meet(stage: Stage) -> None:
     one, other = stage.open_session(domain_id=1), stage.open_session(domain_id=1)
     stage.match(stage.publisher(one), stage.subscription(other))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from nros_backends.reference.backend import ReferenceBackend, ReferenceSession
@@ -216,8 +216,10 @@ class _StepCrashes(ReferenceSession):
 
 
 class _Unwatched(World):
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
-        found = super().publish(id_, data, at_ns, lost=lost)
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
+        found = super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
         if not any(self.matched(id_, subscription) for subscription in self._subscriptions):
             self._publishers[id_].offered.anchor = None
         return found
@@ -229,10 +231,12 @@ class _StaleExpiry(World):
         self.__dict__.setdefault("made", {})[id_] = at_ns
         return found
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
         offered = self._publishers[id_].offered
         first, made = offered.anchor is None, self.__dict__["made"][id_]
-        found = super().publish(id_, data, at_ns, lost=lost)
+        found = super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
         if first and offered.period is not None and at_ns - made > offered.period:
             found.append(Occurrence(at_ns, id_, EventKind.OFFERED_DEADLINE_MISSED, (1,)))
         return found
@@ -246,8 +250,10 @@ class _AssertRestarts(World):
 
 
 class _SharedOffer(World):
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
-        found = super().publish(id_, data, at_ns, lost=lost)
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
+        found = super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
         for other in self._publishers.values():
             if other.topic == self._publishers[id_].topic and other.offered.anchor is not None:
                 other.offered.restart(at_ns)
@@ -283,8 +289,10 @@ class _OnlyOnPublish(World):
             else:
                 yield one
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
-        found = super().publish(id_, data, at_ns, lost=lost)
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
+        found = super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
         held = self.__dict__.get("held", [])
         found += [one for one in held if one.entity == id_]
         held[:] = [one for one in held if one.entity != id_]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from nros_backends.reference.backend import ReferenceBackend, ReferencePublisher, ReferenceSession
@@ -98,6 +98,9 @@ class _UnsetBeforeAsserting(World):
 
 
 class _NoLink(World):
+    def part(self, id_: Id, at_ns: int, *, for_good: bool = False) -> list[Occurrence]:
+        return list(self.advance(at_ns))
+
     def sever(self, publisher: Id, subscription: Id, lease_ms: int, at_ns: int) -> list[Occurrence]:
         found = super().sever(publisher, subscription, lease_ms, at_ns)
         self._subscriptions[subscription].severed[publisher] = 2**63 - 1
@@ -105,6 +108,9 @@ class _NoLink(World):
 
 
 class _StaysSplit(World):
+    def rejoin(self, id_: Id, at_ns: int) -> list[Occurrence]:
+        return list(self.advance(at_ns))
+
     def restore(self, publisher: Id, subscription: Id, at_ns: int) -> list[Occurrence]:
         believes = self._subscriptions[subscription].believes
         if publisher in self._subscriptions[subscription].severed and believes.get(publisher) is False:
@@ -281,10 +287,12 @@ class _LostAtAssertion(World):
 class _PublishAssertsNothing(World):
     publishing = False
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
         self.publishing = True
         try:
-            return super().publish(id_, data, at_ns, lost=lost)
+            return super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
         finally:
             self.publishing = False
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from nros_backends.reference.backend import ReferencePublisher, ReferenceSubscription
 from nros_backends.reference.mutants.build import mutant
@@ -75,10 +75,12 @@ class _OverflowWithTheNext(_Losses):
         self.__dict__.setdefault("late", []).extend(overflow)
         return gaps
 
-    def publish(self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False) -> list[Occurrence]:
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
         late, self.__dict__["late"] = self.__dict__.get("late", []), []
         before = [one for one in late if one.at_ns < at_ns]
-        found = super().publish(id_, data, at_ns, lost=lost)
+        found = super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
         self.__dict__["late"] += [one for one in late if one.at_ns >= at_ns]
         return found + before
 

@@ -14,9 +14,9 @@ from nros_backends.reference.backend import (
     ReferenceSession,
     ReferenceSubscription,
 )
-from nros_backends.reference.link import MAGIC
 from nros_backends.reference.mutants.build import mutant
 from nros_backends.reference.mutants.dispatch import hang
+from nros_backends.reference.wire import MAGIC
 from nros_conformance.model.world import Id, Occurrence, Topic, World
 from nros_conformance.rmw.backend import Host, SessionOptions
 from nros_conformance.rmw.codes import ReturnCode, RmwError

@@ -1,0 +1,84 @@
+"""Names and QoS: what is accepted, and which pairs belong together.
+
+- RELIABLE is what the bus gives: a frame is repeated by the controller until at least one node has
+  acknowledged it. What a receiver has no room for is lost all the same, and MessageLost says so.
+- TRANSIENT_LOCAL is refused: a message goes to all nodes, so history for one of them does not exist.
+- The lifespan is enforced by the subscription, counted from reception; the shorter one of both ends.
+- depth 0 becomes 1; `Entity.qos` says so.
+- A finite lease below `MIN_LEASE_MS` is refused: AUTOMATIC liveliness is a heartbeat sent in a quarter of
+  the lease, and the rest is all the time that a busy host has.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+from nros_backends.can.messages import Endpoint
+from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.qos import Durability, History, Liveliness, QosProfile, Reliability, is_finite
+
+MIN_LEASE_MS = 100
+
+CAPACITY = 4096
+"""Bytes of the largest payload: 586 frames of classic CAN, 0.1 s on a bus of 1 Mbit/s."""
+
+NAME_MAX = 200
+
+_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+_TYPE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:(?:/|::)[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+
+_STRENGTH = {
+    Liveliness.NONE: 0,
+    Liveliness.AUTOMATIC: 0,
+    Liveliness.MANUAL_BY_NODE: 1,
+    Liveliness.MANUAL_BY_TOPIC: 2,
+}
+"""DDS 1.4, 2.2.3.11; NONE is AUTOMATIC with an infinite lease."""
+
+
+def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
+    """The QoS in force for an entity with these names.
+
+    Raises `RmwError` TOPIC_NAME_INVALID, INVALID_ARGUMENT, INCOMPATIBLE_QOS.
+    """
+    for what, name, pattern in (("topic", topic, _TOPIC), ("type", type_name, _TYPE)):
+        if not isinstance(name, str) or len(name) > NAME_MAX or not pattern.fullmatch(name):
+            raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{name!r} is not a {what} name")
+    qos.check()
+    try:
+        qos = dataclasses.replace(
+            qos,
+            reliability=Reliability(qos.reliability),
+            durability=Durability(qos.durability),
+            history=History(qos.history),
+            liveliness=Liveliness(qos.liveliness),
+            depth=max(qos.depth, 1),
+        )
+    except ValueError as error:
+        raise RmwError(ReturnCode.INVALID_ARGUMENT, str(error)) from error
+    if qos.durability is Durability.TRANSIENT_LOCAL:
+        raise RmwError(ReturnCode.INCOMPATIBLE_QOS, "transient-local: a bus has no history for one node")
+    if qos.liveliness is not Liveliness.NONE and is_finite(qos.lease_ms) and qos.lease_ms < MIN_LEASE_MS:
+        raise RmwError(ReturnCode.INCOMPATIBLE_QOS, f"lease {qos.lease_ms} ms is below {MIN_LEASE_MS} ms")
+    return qos
+
+
+def finite(duration_ms: int) -> int:
+    """A duration of the QoS with one spelling for no check: 0."""
+    return duration_ms if is_finite(duration_ms) else 0
+
+
+def compatible(writer: Endpoint, reader: Endpoint) -> bool:
+    """Whether a publisher and a subscription of one topic and type belong together: offered, at least as asked."""
+    return (
+        writer.reliability >= reader.reliability
+        and writer.durability >= reader.durability
+        and _STRENGTH[writer.liveliness] >= _STRENGTH[reader.liveliness]
+        and _within(writer.deadline_ms, reader.deadline_ms)
+        and _within(writer.lease_ms, reader.lease_ms)
+    )
+
+
+def _within(offered_ms: int, asked_ms: int) -> bool:
+    return not asked_ms or 0 < offered_ms <= asked_ms

@@ -1,0 +1,1 @@
+"""An XRCE agent: a core without sockets and clock, and a UDP server around it."""

@@ -1,0 +1,1 @@
+"""A DDS-XRCE client: sans-I/O core, UDP transport, health of the agent."""

@@ -1,0 +1,234 @@
+"""The agent beside the sessions: in a thread of this process, in a process of its own, or the user's.
+
+An own agent has the same UDP port in all its lives. So that nobody takes it while the agent is down, the
+TCP port of the same number is held all the time, by which all that do so agree.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+
+from nros_backends.xrce.agent.core import EntityInfo
+from nros_backends.xrce.agent.server import AgentServer
+from nros_backends.xrce.client.client import ping_agent
+from nros_backends.xrce.link import Link
+from nros_conformance.rmw.backend import Environment
+from nros_conformance.rmw.clock import MS, Clock
+from nros_conformance.rmw.codes import ReturnCode, RmwError
+
+LOOPBACK = "127.0.0.1"
+
+_PORT_TRIES = 64
+
+_START_S = 20.0
+"""For a process to start and say so; 0.2 s on an idle host."""
+
+_STOP_S = 5.0
+"""For a process to end by itself; then it is killed."""
+
+_REACH_NS = 1_000 * MS
+_REACH_ATTEMPTS = 3
+
+_SAYS = "listening on "
+_GET_INFO, _GET_INFO_AT, _AGENT, _CLIENT, _OBJECT_AT = 2, 4, b"\xff\xfd", b"\xff\xfe", 10
+"""Where a ping shows itself in a message without client key: submessage id, and whom it asks."""
+
+
+class OwnAgent(Environment):
+    """What the two agents of this project have in common: a port of their own."""
+
+    def __init__(self, ports: range, first: int) -> None:
+        self._ports = ports
+        self._first = first
+        self._port = 0
+        self._reservation: socket.socket | None = None
+        self.started = False
+        """Whether it ever was, or somebody took care of that."""
+
+    def start(self) -> None:
+        """Start it, at the same port each time. Raises `RmwError` CONNECTION_FAILED."""
+        self.started = True
+        problem = "there is no free port"
+        for port in [self._port] if self._port else self._candidates():
+            reservation = self._reservation or _reserve(port)
+            if reservation is None:
+                continue
+            try:
+                self._serve(port)
+            except OSError as error:
+                problem = f"port {port}: {error.strerror or error}"
+                if self._reservation is None:
+                    reservation.close()
+                continue
+            self._port, self._reservation = port, reservation
+            return
+        raise RmwError(ReturnCode.CONNECTION_FAILED, f"the agent did not start: {problem}")
+
+    def endpoint(self) -> str:
+        return f"{LOOPBACK}:{self._port}" if self._port else ""
+
+    def close(self) -> None:
+        """Stop it for good, and give its port back."""
+        self.stop()
+        if self._reservation is not None:
+            self._reservation.close()
+            self._reservation = None
+        self._port = 0
+
+    def _candidates(self) -> Iterator[int]:
+        """From the end of the leased range: other backends of the run begin at its start."""
+        if self._ports:
+            for step in range(min(_PORT_TRIES, len(self._ports))):
+                yield self._ports[-1 - (self._first + step) % len(self._ports)]
+        for _ in range(_PORT_TRIES):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind((LOOPBACK, 0))
+                port: int = probe.getsockname()[1]
+            yield port
+
+    def _serve(self, port: int) -> None:
+        """Serve at this port; raises OSError when it cannot be had."""
+        raise NotImplementedError
+
+
+class EmbeddedAgent(OwnAgent):
+    """`AgentServer` in a thread of this process. Killed or stopped in an orderly way, it forgets all the same."""
+
+    def __init__(self, ports: range = range(0), first: int = 0) -> None:
+        super().__init__(ports, first)
+        self._server: AgentServer | None = None
+        self._counts = {"checks": 0, "probes": 0}
+
+    def stop(self, *, kill: bool = False) -> None:
+        server, self._server = self._server, None
+        if server is not None:
+            server.close()
+
+    def graph(self) -> tuple[EntityInfo, ...]:
+        """All entities of all clients now."""
+        server = self._server
+        return () if server is None else server.entities()
+
+    def counts(self) -> Mapping[str, int]:
+        """``checks``: pings that it has sent to silent clients; ``probes``: pings of clients that reached it."""
+        return dict(self._counts)
+
+    def _serve(self, port: int) -> None:
+        assert self._server is None
+        self._server = AgentServer(port, LOOPBACK, self._watch)
+        self._server.start()
+
+    def _watch(self, direction: str, _address: tuple[str, int], payload: bytes) -> None:
+        if payload[_GET_INFO_AT : _GET_INFO_AT + 1] == bytes([_GET_INFO]):
+            asked = payload[_OBJECT_AT : _OBJECT_AT + 2]
+            self._counts["probes"] += direction == "in" and asked == _AGENT
+            self._counts["checks"] += direction == "out" and asked == _CLIENT
+
+
+class ExternalAgent(OwnAgent):
+    """The agent's command as a process; ``stop(kill=True)`` is a real SIGKILL."""
+
+    def __init__(self, ports: range = range(0), first: int = 0) -> None:
+        super().__init__(ports, first)
+        self._process: subprocess.Popen[str] | None = None
+        self._reader: threading.Thread | None = None
+        self._lines: list[str] = []
+
+    def stop(self, *, kill: bool = False) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if kill:
+            process.kill()
+        else:
+            process.terminate()
+        try:
+            process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        self._forget(process)
+
+    def log(self) -> str:
+        return "".join(self._lines)
+
+    def _serve(self, port: int) -> None:
+        assert self._process is None
+        process = subprocess.Popen(
+            [sys.executable, "-m", "nros_backends.xrce.external", "--port", str(port)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        assert process.stdout is not None
+        said = threading.Event()
+        ready: list[bool] = []
+        lines, output = self._lines, process.stdout
+
+        def read() -> None:
+            for line in output:
+                lines.append(line)
+                if line.startswith(_SAYS):
+                    ready.append(True)
+                    said.set()
+            said.set()
+
+        self._reader = threading.Thread(target=read, name="xrce-agent-log", daemon=True)
+        self._reader.start()
+        if said.wait(_START_S) and ready:
+            self._process = process
+            return
+        process.kill()
+        process.wait()
+        self._forget(process)
+        raise OSError(lines[-1].strip() if lines else f"nothing heard of the process within {_START_S:.0f} s")
+
+    def _forget(self, process: subprocess.Popen[str]) -> None:
+        if self._reader is not None:
+            self._reader.join()
+            self._reader = None
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    pipe.close()
+
+
+class UserAgent(Environment):
+    """Somebody else's agent, which can be asked and not be stopped. ``busy()``: whether sessions are open at it."""
+
+    def __init__(self, address: tuple[str, int], clock: Clock, busy: Callable[[], bool]) -> None:
+        self.address = address
+        self._clock = clock
+        self._busy = busy
+
+    def start(self) -> None:
+        """Raises `RmwError` CONNECTION_FAILED when it does not answer a ping."""
+        attachment = Link(self.address).open()
+        try:
+            reached = ping_agent(attachment.transport, self._clock, _REACH_NS, _REACH_ATTEMPTS)
+        finally:
+            attachment.close()
+        if not reached:
+            raise RmwError(ReturnCode.CONNECTION_FAILED, f"no XRCE agent answers at {self.endpoint()}")
+
+    def stop(self, *, kill: bool = False) -> None:
+        """Nothing, once all sessions are closed. Raises `RmwError` UNSUPPORTED as long as one is open."""
+        if self._busy():
+            raise RmwError(ReturnCode.UNSUPPORTED, f"the agent at {self.endpoint()} is not ours to stop")
+
+    def endpoint(self) -> str:
+        return f"{self.address[0]}:{self.address[1]}"
+
+
+def _reserve(port: int) -> socket.socket | None:
+    """The TCP port of this number, or None when somebody has it."""
+    holder = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        holder.bind((LOOPBACK, port))
+    except OSError:
+        holder.close()
+        return None
+    return holder

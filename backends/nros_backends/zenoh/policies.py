@@ -1,0 +1,88 @@
+"""Names and QoS: what is accepted, and which ends go together.
+
+zenoh knows none of the contract's policies but the reliability of a link, so all of them are the shim's:
+
+- depth of a subscription is its receive queue; of a transient-local publisher, what it keeps for late ones;
+- TRANSIENT_LOCAL: see `history`;
+- lifespan: the publisher's, counted from reception, and from the publication for what late ones get;
+- deadlines and MANUAL liveliness run on the shim's clock;
+- AUTOMATIC liveliness is the lease of a zenoh transport. A lease shorter than the session's own gets a
+  transport of its own, see `network`.
+- depth 0 becomes 1; `Entity.qos` says so. NONE is AUTOMATIC without a lease.
+- A finite lease below `MIN_LEASE_MS` is refused: the keep-alives of a transport are a quarter of it apart, and
+  at 30 ms a busy host makes a healthy one look dead.
+- Ends are matched as DDS matches them (requested against offered), by what their tokens say.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.qos import Durability, History, Liveliness, QosProfile, Reliability, is_finite
+
+MIN_LEASE_MS = 100
+
+NAME_MAX = 200
+"""Characters; what all implementations of ROS 2 take."""
+
+_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+_TYPE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:(?:/|::)[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+_NODE = re.compile(r"[A-Za-z0-9_.-]+", re.ASCII)
+
+_STRENGTH = {
+    Liveliness.NONE: 0,
+    Liveliness.AUTOMATIC: 0,
+    Liveliness.MANUAL_BY_NODE: 1,
+    Liveliness.MANUAL_BY_TOPIC: 2,
+}
+
+
+def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
+    """The QoS in force for an entity with these names.
+
+    Raises `RmwError` TOPIC_NAME_INVALID, INVALID_ARGUMENT, INCOMPATIBLE_QOS.
+    """
+    for what, name, pattern in (("topic", topic, _TOPIC), ("type", type_name, _TYPE)):
+        if not isinstance(name, str) or len(name) > NAME_MAX or not pattern.fullmatch(name):
+            raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{name!r} is not a {what} name")
+    qos.check()
+    try:
+        qos = dataclasses.replace(
+            qos,
+            reliability=Reliability(qos.reliability),
+            durability=Durability(qos.durability),
+            history=History(qos.history),
+            liveliness=Liveliness(qos.liveliness),
+            depth=max(qos.depth, 1),
+        )
+    except ValueError as error:
+        raise RmwError(ReturnCode.INVALID_ARGUMENT, str(error)) from error
+    if qos.liveliness is not Liveliness.NONE and is_finite(qos.lease_ms) and qos.lease_ms < MIN_LEASE_MS:
+        raise RmwError(ReturnCode.INCOMPATIBLE_QOS, f"lease {qos.lease_ms} ms is below {MIN_LEASE_MS} ms")
+    return qos
+
+
+def is_node_name(name: object) -> bool:
+    """Whether it can be a chunk of a key."""
+    return isinstance(name, str) and len(name) <= NAME_MAX and _NODE.fullmatch(name) is not None
+
+
+def compatible(offered: QosProfile, requested: QosProfile) -> bool:
+    """Whether a publisher offers at least what a subscription asks for (DDS 1.4, 2.2.3)."""
+    return (
+        offered.reliability >= requested.reliability
+        and offered.durability >= requested.durability
+        and _at_most(offered.deadline_ms, requested.deadline_ms)
+        and _STRENGTH[offered.liveliness] >= _STRENGTH[requested.liveliness]
+        and _at_most(_lease_ms(offered), _lease_ms(requested))
+    )
+
+
+def _lease_ms(qos: QosProfile) -> int:
+    return 0 if qos.liveliness is Liveliness.NONE else qos.lease_ms
+
+
+def _at_most(offered_ms: int, requested_ms: int) -> bool:
+    return not is_finite(requested_ms) or (is_finite(offered_ms) and offered_ms <= requested_ms)

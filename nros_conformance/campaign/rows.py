@@ -1,0 +1,54 @@
+"""From a backend that was found to the rows that it plays, with an author's own list of known failures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from nros_conformance.campaign.plans import Row
+from nros_conformance.formats.places import nearest
+from nros_conformance.formats.toml import read_toml
+from nros_conformance.rmw.backend import Host
+from nros_conformance.rmw.clock import MonotonicClock
+from nros_conformance.rmw.declaration import Declaration, KnownFile, check_links
+from nros_conformance.rmw.discovery import Found
+from nros_conformance.suite.loader import Suites
+
+
+def rows_of(found: Found, declaration: Declaration, asked: str = "") -> list[Row]:
+    """One row for each default variant. ``asked``: the name by which the backend is found again.
+
+    Raises ImportError when its middleware is missing.
+    """
+    versions = found.load()(Host(clock=MonotonicClock())).versions()
+    variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
+    return [
+        Row(declaration.in_variant(variant), found.adapter, variant, versions, asked=asked)
+        for variant in variants or [""]
+    ]
+
+
+def with_known(declaration: Declaration, file: Path, suites: Suites) -> Declaration:
+    """The declaration with the ``[[known]]`` entries of a file added to its own.
+
+    Raises `FormatError`: at an entry that names a scenario or requirement that does not exist, or one without a link.
+    """
+    document = read_toml(file)
+    entries = document.read(KnownFile).known
+    check_links(document, entries)
+    ids = {one.scenario.id for one in suites.scenarios}
+    keys = {one.key for one in suites.scenarios}
+    for index, known in enumerate(entries):
+        if known.scenario not in ids | keys:
+            hint = nearest(known.scenario, sorted(ids))
+            raise document.error(
+                ("known", index, "scenario"), f"known {known.key}: no scenario {known.scenario!r}",
+                hint if hint.startswith("did you mean") else "see: nros-conformance list scenarios",
+            )  # fmt: skip
+        if known.requirement not in suites.levels:
+            raise document.error(
+                ("known", index, "requirement"), f"known {known.key}: no requirement {known.requirement!r}",
+                "see: nros-conformance list requirements",
+            )  # fmt: skip
+    return msgspec.structs.replace(declaration, known=[*declaration.known, *entries])

@@ -1,0 +1,143 @@
+"""The process of one session: plays that session's part of a scenario, as it is told by `remote`."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import select
+import sys
+import threading
+import time
+from multiprocessing.connection import Connection
+from typing import Any
+
+from nros_conformance.play.driver import Command, Driver, describe
+from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, decode_order, encode
+from nros_conformance.play.processes import die_with_parent
+from nros_conformance.play.script import Script
+from nros_conformance.play.stage import Stage
+from nros_conformance.play.worker import load_adapter
+from nros_conformance.rmw.clock import MonotonicClock
+from nros_conformance.suite import schema
+from nros_conformance.suite.loader import typed
+from nros_conformance.trace.records import AnyRecord
+
+
+class _Line:
+    """The connection to the player, for all threads."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+
+    def tell(self, message: FromSession) -> None:
+        """Say something; without a player there is no reason to live."""
+        try:
+            with self._lock:
+                self._connection.send_bytes(encode(message))
+        except OSError:
+            os._exit(1)
+
+    def record(self, record: AnyRecord) -> None:
+        """Hand a record over."""
+        self.tell(Noted(record))
+
+    def failed(self, outcome: str, detail: str) -> None:
+        """Say that the play cannot go on."""
+        self.tell(Failed(outcome, detail))
+
+
+class Host:
+    """One session and its part of the script."""
+
+    def __init__(self, cast: Cast, line: _Line) -> None:
+        plan = cast.plan
+        scenario = typed(plan.header.scenario, plan.key)
+        clock = MonotonicClock()
+        self._line = line
+        self.stage = Stage(
+            plan, scenario, load_adapter(plan.adapter), clock, line.record, only=cast.session,
+            run_tag=cast.run_tag, failed=line.failed, locator=cast.locator,
+        )  # fmt: skip
+        for actor in self.stage.actors.values():
+            actor.sequence = cast.first_sequence
+        self.script = Script(self.stage, cast.start)
+        self._session = cast.session
+        self._driver = self.stage.drivers[cast.session]
+
+    def carry_out(self, order: Order) -> None:
+        """Have it done on the session's thread, and answered."""
+        driver, stage = self._driver, self.stage
+
+        def answer(command: Command) -> None:
+            self._line.tell(Done(order.number, command.begin, command.end, command.result))
+
+        def internal(run: Any) -> None:
+            driver.post(Command(stage.clock, order.due, run, op=order.what, record=False, then=answer))
+
+        match order.what:
+            case "connect":
+                internal(lambda: stage.connect(driver))
+            case "create":
+                internal(lambda: stage.create(stage.actors[order.entity]))
+            case "destroy":
+                internal(lambda: stage.destroy(self._session))
+            case "matched":
+                internal(lambda: stage.backend.matched(stage.actors[order.entity].created()))
+            case "pause":
+                internal(driver.pause)
+            case "resume":
+                driver.resume()
+            case "step" | "fault":
+                self._step(order, driver, answer)
+
+    def _step(self, order: Order, driver: Driver, answer: Any) -> None:
+        step = self.script.step(order.label)
+        if isinstance(step, schema.Call | schema.Spin):
+            driver.background = False  # until the player says that it goes on
+        command = self.script.command(step, order.label, order.index, order.entity, order.due)
+        command.then = answer
+        driver.post(command)
+
+
+def serve(connection: Connection) -> None:
+    """Host the session that the first message names, until the player hangs up."""
+    die_with_parent()
+    faulthandler.enable()
+    sys.setswitchinterval(1.0)  # as in `worker`, and why
+    line = _Line(connection)
+    host: Host | None = None
+    while True:
+        try:
+            data = connection.recv_bytes()
+        except (EOFError, OSError):
+            break
+        try:
+            message = decode_order(data)
+            if isinstance(message, Cast):
+                host = Host(message, line)
+            elif message.what == "end":
+                break
+            elif host is not None:
+                host.carry_out(message)
+        except Exception as error:
+            line.failed("raised", describe("the session's process", error))
+    # Threads of the backend may still run, or hang: nobody waits for them.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _sleep(seconds: float) -> None:
+    select.select([], [], [], seconds)
+
+
+def main() -> None:
+    """Entry of ``python -m nros_conformance.play.session_process FD``, with libfaketime preloaded."""
+    # libfaketime 0.9.10 answers EINVAL to clock_nanosleep on the monotonic clock, which time.sleep calls.
+    setattr(time, "sleep", _sleep)  # noqa: B010 - an assignment would have to take SupportsIndex too
+    serve(Connection(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()

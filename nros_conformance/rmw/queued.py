@@ -1,0 +1,315 @@
+"""A session, publisher and subscription for middleware that hands over samples on threads of its own.
+
+That is how the clients of MQTT, zenoh, NATS and most brokers work: one call to publish, one to
+subscribe with a function that is called for each sample. An adapter on these classes says how to open
+and close the connection, how to send, and calls `QueuedSubscription.received`; queue, depth, dispatch,
+caps, argument checks and the events that need no help from the middleware come from here.
+
+Samples are stamped when `received` is called, on whatever thread, and take effect when the session's
+thread looks: inside `drive_io`, `has_data` or `try_recv_raw`. So sources of events belong to one thread,
+and are exact however rarely it looks.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import re
+import threading
+from collections import deque
+from collections.abc import Collection, Hashable, Iterator
+from typing import TypeVar
+
+from nros_conformance.rmw.backend import Entity, MessageCallback, Publisher, Session, Subscription
+from nros_conformance.rmw.clock import MS, NEVER, Clock
+from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.detection import DeadlineClock, GapTracker, LivelinessTally, Source
+from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
+from nros_conformance.rmw.events import EventCallback, EventKind
+from nros_conformance.rmw.qos import History, QosProfile, is_finite
+
+_Q = TypeVar("_Q", bound="_QueuedEntity")
+_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+
+
+class QueuedSession(Session):
+    """A session over one connection, which an adapter opens in its constructor and closes in `leave`."""
+
+    publisher: type[QueuedPublisher]
+    subscription: type[QueuedSubscription]
+    unsupported: Collection[str] = ()
+    """Policies that creation refuses, by the names of ``[qos] unsupported`` in ``backend.toml``."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.ready = ReadyQueue()
+        self.wake = clock.signal()
+        """Raised from any thread when there is something to look at."""
+        self.entities: dict[_QueuedEntity, None] = {}
+        self.closed = False
+
+    def admit(self, topic: str, type_name: str, qos: QosProfile) -> None:
+        """Refuse, by raising `RmwError`, what else cannot be created, such as a topic of another type."""
+
+    def leave(self) -> None:
+        """Close the connection: the last thing that a session does."""
+
+    def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
+        return self._entered(self.publisher(self, topic, type_name, self._admit(topic, type_name, qos)))
+
+    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> Subscription:
+        return self._entered(self.subscription(self, topic, type_name, self._admit(topic, type_name, qos)))
+
+    def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
+        """Dispatch; waits for something to dispatch or to take for at most ``timeout_ms``.
+
+        A sample ends the waiting once, when it arrives. A negative timeout is none (C10).
+        """
+        whole = isinstance(timeout_ms, int) and (max_callbacks is None or isinstance(max_callbacks, int))
+        if self.closed or not whole or (max_callbacks or 0) < 0:
+            return ReturnCode.INVALID_ARGUMENT
+        if self.ready.busy:
+            return ReturnCode.WOULD_BLOCK
+        until_ns = self.clock.now_ns() + max(timeout_ms, 0) * MS
+        while not self.closed:
+            woken = self.wake.is_set()
+            self.wake.clear()
+            for entity in tuple(self.entities):
+                entity.look()
+            # The last look comes after the last wait: what fell due meanwhile belongs to this call (DSP-007).
+            if self.ready.drain(max_callbacks) or woken or self.clock.now_ns() >= until_ns:
+                break
+            due_ns = min((entity.next_due_ns for entity in self.entities), default=NEVER)
+            self.clock.wait(self.wake, min(until_ns, due_ns))
+        return ReturnCode.OK
+
+    def ping(self, timeout_ms: int, attempts: int = 1) -> int:
+        return ReturnCode.INVALID_ARGUMENT if self.closed else super().ping(timeout_ms, attempts)
+
+    def destroy(self) -> int:
+        if not self.closed:
+            self.closed = True
+            for entity in tuple(self.entities):
+                entity.destroy()
+            self.leave()
+            self.wake.set()
+        return ReturnCode.OK
+
+    def _entered(self, entity: _Q) -> _Q:
+        entity.enter()
+        self.entities[entity] = None
+        return entity
+
+    def _admit(self, topic: str, type_name: str, qos: QosProfile) -> QosProfile:
+        """The profile in force; a depth of 0 becomes 1. Raises `RmwError`."""
+        if self.closed:
+            raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
+        if not _NAME.fullmatch(topic) or not type_name:
+            raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"topic {topic!r}, type {type_name!r}")
+        qos.check()
+        for policy in self.unsupported:
+            if asks_for(qos, policy):
+                raise RmwError(ReturnCode.INCOMPATIBLE_QOS, f"{policy} is not supported")
+        self.admit(topic, type_name, qos)
+        return dataclasses.replace(qos, depth=max(qos.depth, 1))
+
+
+class _QueuedEntity(Entity):
+    """What both ends share: a registry over the sources of its events."""
+
+    events: Collection[EventKind] = ()
+    """The kinds that it supports."""
+
+    def __init__(self, session: QueuedSession, topic: str, type_name: str, qos: QosProfile) -> None:
+        self.session = session
+        self.topic = topic
+        self.type_name = type_name
+        self.qos = qos
+        self._deadline: DeadlineClock | None = None
+        self.registry = EventRegistry(
+            session.ready, dict(self._sources()), qos_deadline_ms=qos.deadline_ms, deadline=self._clocked
+        )
+
+    @property
+    def next_due_ns(self) -> int:
+        """When something falls due by itself; the session waits no longer."""
+        return NEVER if self._deadline is None else self._deadline.next_due_ns
+
+    def look(self) -> None:
+        """On the session's thread: let time pass, and queue the callbacks of what became ready."""
+        if self._deadline is not None:
+            self._deadline.update(self.session.clock.now_ns())
+        self.registry.poll()
+
+    def supports_event(self, kind: int) -> bool:
+        return self.registry.supports(kind)
+
+    def register_event(self, kind: int, deadline_ms: int, callback: EventCallback | None, context: object) -> int:
+        return self.registry.register(kind, deadline_ms, callback, context)
+
+    def destroy(self) -> int:
+        if not self.registry.closed:
+            self.registry.close()
+            self.session.entities.pop(self, None)
+            self.leave()
+        return ReturnCode.OK
+
+    def enter(self) -> None:
+        """Make it known to the middleware, the last step of its creation; may raise `RmwError`."""
+
+    def leave(self) -> None:
+        """Release what the middleware holds for it; afterwards it hands over nothing more."""
+
+    def source(self, kind: EventKind) -> Source:
+        """The source of an event that is neither a deadline nor otherwise known here."""
+        raise NotImplementedError(f"{type(self).__name__} has no source of {kind.label}")
+
+    def _sources(self) -> Iterator[tuple[EventKind, Source | None]]:
+        for kind in self.events:
+            if not kind.is_deadline:
+                yield kind, self.source(kind)
+            elif self.qos.has_deadline:
+                yield kind, self._clocked(kind, self.qos.deadline_ms)
+            else:
+                yield kind, None
+
+    def _clocked(self, kind: EventKind, deadline_ms: int) -> Source:
+        self._deadline = DeadlineClock(deadline_ms * MS)
+        return self._deadline.misses
+
+
+class QueuedPublisher(_QueuedEntity, Publisher):
+    """The sending end. An adapter writes `send`. Of the events, OfferedDeadlineMissed needs nothing else."""
+
+    @abc.abstractmethod
+    def send(self, data: bytes) -> int:
+        """Hand one sample to the middleware: OK or a negative code."""
+
+    def publish_raw(self, data: bytes) -> int:
+        if self.registry.closed or not isinstance(data, bytes | bytearray | memoryview):
+            return ReturnCode.INVALID_ARGUMENT
+        code = self.send(bytes(data))
+        if code == ReturnCode.OK and self._deadline is not None:
+            self._deadline.restart(self.session.clock.now_ns())  # only a success begins the period anew (ODM-004)
+        return code
+
+    def assert_liveliness(self) -> int:
+        return ReturnCode.INVALID_ARGUMENT if self.registry.closed else super().assert_liveliness()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Arrival:
+    at_ns: int
+    data: bytes
+    publisher: Hashable
+    sequence: int | None
+
+
+class QueuedSubscription(_QueuedEntity, Subscription):
+    """The receiving end: the middleware calls `received`, from any thread.
+
+    RequestedDeadlineMissed needs nothing else, MessageLost knows the overflow of the queue and, with
+    sequence numbers, gaps on the wire; for LivelinessChanged call `living`.
+    """
+
+    def __init__(self, session: QueuedSession, topic: str, type_name: str, qos: QosProfile) -> None:
+        self.losses = GapTracker()
+        self.tally = LivelinessTally()
+        self._lock = threading.Lock()
+        self._arrivals: deque[_Arrival] = deque()
+        self._living: deque[tuple[int, int, int]] = deque()
+        self._waiting: deque[_Arrival] = deque()
+        self._taken = 0  # how many have left the queue, taken or lost: the number of the oldest that waits
+        super().__init__(session, topic, type_name, qos)
+
+    def received(self, data: bytes, publisher: Hashable = None, sequence: int | None = None) -> None:
+        """A sample has arrived. ``sequence`` numbers the samples of a ``publisher``, modulo 2**32."""
+        with self._lock:  # the stamp and the queue together, or a look in between would miss what it is due
+            self._arrivals.append(_Arrival(self.session.clock.now_ns(), data, publisher, sequence))
+        self.session.wake.set()
+
+    def living(self, alive: int, not_alive: int) -> None:
+        """So many publishers are alive, respectively not alive, from now on. From any thread."""
+        with self._lock:
+            self._living.append((self.session.clock.now_ns(), alive, not_alive))
+        self.session.wake.set()
+
+    def source(self, kind: EventKind) -> Source:
+        known: dict[EventKind, Source] = {
+            EventKind.MESSAGE_LOST: self.losses.losses, EventKind.LIVELINESS_CHANGED: self.tally
+        }  # fmt: skip
+        return known[kind] if kind in known else super().source(kind)
+
+    def look(self) -> None:
+        with self._lock:
+            arrivals, self._arrivals = self._arrivals, deque()
+            living, self._living = self._living, deque()
+            now_ns = self.session.clock.now_ns()
+        for arrival in arrivals:
+            self._arrived(arrival)
+        for at_ns, alive, not_alive in living:
+            self.tally.set(alive, not_alive, at_ns)
+        if self._deadline is not None:
+            self._deadline.update(now_ns)
+        self.registry.poll()
+
+    def has_data(self) -> bool | int:
+        if self.registry.closed:
+            return ReturnCode.INVALID_ARGUMENT
+        self.look()
+        return bool(self._waiting)
+
+    def try_recv_raw(self, max_size: int) -> bytes | int:
+        """The oldest sample. One that is larger than ``max_size`` is dropped, and counts as lost (ROB-002)."""
+        if self.registry.closed or not isinstance(max_size, int) or max_size < 0:
+            return ReturnCode.INVALID_ARGUMENT
+        self.look()
+        if not self._waiting:
+            return ReturnCode.NO_DATA
+        oldest = self._waiting.popleft()
+        self._taken += 1
+        if len(oldest.data) > max_size:
+            self._lost(self.session.clock.now_ns())
+            return ReturnCode.BUFFER_TOO_SMALL
+        return oldest.data
+
+    def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
+        code = self.registry.set_message_callback(callback, context)
+        for number, waiting in enumerate(self._waiting, self._taken):
+            self._announce(waiting, number)
+        self.session.wake.set()
+        return code
+
+    def _arrived(self, arrival: _Arrival) -> None:
+        if self._deadline is not None:
+            self._deadline.restart(arrival.at_ns)
+        if arrival.sequence is not None:
+            self.losses.sample(arrival.publisher, arrival.sequence, arrival.at_ns)
+        if self.qos.history is History.KEEP_LAST and len(self._waiting) >= self.qos.depth:
+            self._waiting.popleft()
+            self._taken += 1
+            self._lost(arrival.at_ns)
+        self._waiting.append(arrival)
+        self._announce(arrival, self._taken + len(self._waiting) - 1)
+
+    def _announce(self, arrival: _Arrival, number: int) -> None:
+        self.registry.message(arrival.at_ns, lambda: number >= self._taken)
+
+    def _lost(self, at_ns: int) -> None:
+        self.losses.losses.add(1, at_ns)
+        self.session.wake.set()
+
+
+def asks_for(qos: QosProfile, policy: str) -> bool:
+    """Whether a profile asks for a policy, by its name in ``[qos] unsupported``.
+
+    ``lifespan``, ``deadline``, ``lease``: a finite one. ``durability.transient_local``,
+    ``liveliness.manual_by_node``...: that value. ``depth.above_128``: a larger depth.
+    """
+    name, _, which = policy.partition(".")
+    if not which:
+        return is_finite(getattr(qos, f"{name}_ms"))
+    value = getattr(qos, name)
+    if which.startswith("above_"):
+        return bool(value > int(which.removeprefix("above_")))
+    return bool(value.name.lower() == which)

@@ -1,0 +1,1 @@
+"""What ``new-backend`` writes: a package that installs, is discovered, and passes what it claims."""
