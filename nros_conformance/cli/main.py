@@ -129,6 +129,21 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     rejudge = _command(commands, "rejudge", "judge stored traces again")
     rejudge.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="default: the results directory")
 
+    mutants = _command(commands, "mutants", "play defective backends: each has to be caught by the suites")
+    mutants.add_argument("--backend", default="reference", metavar="NAME", help="whose mutants; default: reference")
+    mutants.add_argument("--mutant", action="append", default=[], metavar="NAME", help="only this mutant")
+    mutants.add_argument("--json", action="store_true", help="print the report as JSON instead of text")
+
+    explore = _command(commands, "explore", "play generated timelines until a backend departs from the model")
+    explore.add_argument("--backend", required=True, metavar="NAME", help="an installed backend, or module:Class")
+    explore.add_argument("--against", metavar="NAME", help="play the same on this one and report the differences")
+    explore.add_argument("--examples", type=int, default=200, metavar="N", help="timelines to play; default: 200")
+    explore.add_argument("--seed", type=int, default=1, metavar="S", help="the same seed, the same search; default: 1")
+    explore.add_argument(
+        "--output", type=Path, default=RESULTS / "explored.yaml", metavar="FILE",
+        help=f"the scenario that was found; default: {RESULTS}/explored.yaml",
+    )  # fmt: skip
+
     explain = _command(commands, "explain", "why a scenario or cell says what it says")
     explain.add_argument(
         "subject", nargs="+", metavar="SUBJECT",

@@ -10,6 +10,7 @@ from pathlib import Path
 from nros_conformance.cli.codes import ExitCode
 from nros_conformance.report.changes import changes, of_table, read_old
 from nros_conformance.report.matrix import check, render
+from nros_conformance.report.mutation import stored_scores
 from nros_conformance.report.results import Report, ReportError, read_reports, same_suites
 from nros_conformance.report.table import assemble
 from nros_conformance.report.web import page
@@ -36,13 +37,15 @@ def run(options: argparse.Namespace) -> ExitCode:
     published = load_published(suites.directory, suites.levels)
     if options.check:
         return _check(options, reports, suites, published)
-    text = render(reports, suites.levels, published=published)
+    mutation = stored_scores(options.results, suites.digest)
+    text = render(reports, suites.levels, mutation=mutation, published=published)
     options.output.write_text(text, encoding="utf-8")
     print(f"written  {options.output}")
     if options.html is not None:
         options.html.parent.mkdir(parents=True, exist_ok=True)
         options.html.write_text(
-            page(reports, suites.levels, statements=_statements(suites), published=published), encoding="utf-8"
+            page(reports, suites.levels, statements=_statements(suites), mutation=mutation, published=published),
+            encoding="utf-8",
         )
         print(f"written  {options.html}")
     if options.readme is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from nros_conformance.judge import callbacks, calls, data, events, givens, levels
+from nros_conformance.judge import callbacks, calls, cycles, data, events, givens, levels
 from nros_conformance.judge.findings import Judged
 from nros_conformance.judge.index import Index
 from nros_conformance.judge.intervals import worst
@@ -38,6 +38,10 @@ JUDGES: dict[type[schema.Base], _Entry] = {
     schema.Admitted: (lambda one: f"admitted {one.admitted}", calls.admitted),
     schema.Measured: (lambda one: f"measured {one.measured} from {one.from_} to {one.to}", calls.measured),
     schema.Counted: (lambda one: f"counted {one.counted}", calls.counted),
+    schema.Cycles: (
+        lambda one: f"each cycle of {one.cycles}: {one.step or one.sampled or f'{one.event} of {one.of}'}",
+        cycles.cycles,
+    ),
     schema.GapGiven: (lambda one: f"given gap {_names(one.gap)}", givens.gap),
     schema.ReceivedGiven: (lambda one: f"given received {one.received} of {one.of}", data.received),
     schema.ReturnsGiven: (lambda one: f"given returns {one.returns}", givens.returns),

@@ -12,6 +12,7 @@ from nros_conformance.suite.schema import Scenario
 from nros_conformance.trace.records import (
     Act,
     Blind,
+    Cycles,
     Event,
     FaultRecord,
     Matched,
@@ -72,6 +73,7 @@ class Index:
         self.matched: list[Matched] = []
         self.blinds: list[Blind] = []
         self.measures: list[Measure] = []
+        self.cycles: dict[str, Cycles] = {}
         self.calls: dict[str, Placed[Act]] = {}
         self.by_kind: dict[tuple[str, int], list[Seen]] = {}
         self._spins: dict[str, Placed[Spin]] = {}
@@ -128,6 +130,8 @@ class Index:
                     self.all_faults.append((place, record))
                 case Blind():
                     self.blinds.append(record)
+                case Cycles():
+                    self.cycles[record.label] = record
                 case Measure():
                     self.measures.append(record)
         for acts in self.acts.values():

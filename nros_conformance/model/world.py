@@ -93,8 +93,10 @@ class _Subscription:
     heard: dict[Id, int] = dataclasses.field(default_factory=dict)
     history: list[Sample] = dataclasses.field(default_factory=list)
     """Samples of before it existed: delivered, never lost (MSL-004)."""
-    counted: dict[Id, bool] = dataclasses.field(default_factory=dict)
-    """The publishers that it has been told of, and whether as alive."""
+    believes: dict[Id, bool] = dataclasses.field(default_factory=dict)
+    """The publishers that it knows of, and whether it takes them for alive."""
+    severed: dict[Id, int] = dataclasses.field(default_factory=dict)
+    """Publishers that cannot reach it, and when they count as not alive for that."""
 
 
 class World:
@@ -113,7 +115,7 @@ class World:
         found = list(self.advance(at_ns))
         publisher = _Publisher(topic, node, qos, _Periodic(_ns(qos.deadline_ms)), at_ns, _ns(qos.lease_ms))
         self._publishers[id_] = publisher
-        return found + self._tell(id_, at_ns)
+        return found + self._tell(id_, publisher, at_ns, True)
 
     def create_subscription(self, id_: Id, topic: Topic, qos: QosProfile, at_ns: int) -> list[Occurrence]:
         """A subscription appears and finds the publishers that exist, dead or alive (REG-009)."""
@@ -122,7 +124,7 @@ class World:
         self._subscriptions[id_] = subscription
         for publisher_id, publisher in self._publishers.items():
             if self.matched(publisher_id, id_):
-                found += self._recount(publisher_id, id_, at_ns)
+                found += self._believe(id_, subscription, publisher_id, at_ns, publisher.alive)
                 subscription.heard[publisher_id] = publisher.sequence
                 if subscription.qos.durability:
                     subscription.history += publisher.history
@@ -133,9 +135,9 @@ class World:
     def destroy_publisher(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """An orderly goodbye: what it counted as is taken back (LVC-002, LVC-003)."""
         found = list(self.advance(at_ns))
-        del self._publishers[id_]
+        publisher = self._publishers.pop(id_)
         self._apart.pop(id_, None)
-        return found + self._tell(id_, at_ns)
+        return found + self._tell(id_, publisher, at_ns, None)
 
     def destroy_subscription(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """Nothing is told to anybody."""
@@ -163,7 +165,9 @@ class World:
             publisher.history = [*publisher.history, sample][-max(publisher.qos.depth, 1) :]
         if not lost:
             for subscription_id, subscription in self._subscriptions.items():
-                if subscription_id not in deaf and self.matched(id_, subscription_id):
+                if id_ in subscription.severed or subscription_id in deaf:
+                    continue
+                if self.matched(id_, subscription_id):
                     found += self._deliver(subscription_id, subscription, sample, at_ns)
         return found
 
@@ -214,20 +218,56 @@ class World:
         else:
             self._subscriptions[id_].requested.period = _ns(period_ms)
 
-    # The wire.
+    # The link.
+
+    def sever(self, publisher: Id, subscription: Id, lease_ms: int, at_ns: int) -> list[Occurrence]:
+        """From now on nothing of this publisher reaches the subscription; a lost link shows by a lease.
+
+        By that of the publisher, from its last assertion on, if it has one; else by ``lease_ms``, the connection's.
+        """
+        found = list(self.advance(at_ns))
+        sender = self._publishers[publisher]
+        lease = lease_ms * MS if sender.lease is None else sender.lease
+        begin = sender.asserted if sender.qos.liveliness.is_manual and sender.lease is not None else at_ns
+        self._subscriptions[subscription].severed.setdefault(publisher, begin + lease)
+        return found
+
+    def restore(self, publisher: Id, subscription: Id, at_ns: int) -> list[Occurrence]:
+        """What it sends arrives again, beginning with whether it still lives (LVC-010)."""
+        found = list(self.advance(at_ns))
+        receiver = self._subscriptions[subscription]
+        if receiver.severed.pop(publisher, None) is None:
+            return found
+        sender = self._publishers.get(publisher)
+        return found + self._believe(subscription, receiver, publisher, at_ns, sender.alive if sender else None)
 
     def part(self, id_: Id, at_ns: int, *, for_good: bool = False) -> list[Occurrence]:
         """An entity has lost the others: to its subscriptions a publisher is not alive, ``for_good`` it is gone."""
         found = list(self.advance(at_ns))
         self._apart[id_] = for_good or self._apart.get(id_, False)
-        return found + self._tell(id_, at_ns)
+        for publisher, subscription in self._pairs(id_):
+            receiver = self._subscriptions[subscription]
+            if publisher in receiver.believes:
+                alive = None if self._apart.get(publisher) else False
+                found += self._believe(subscription, receiver, publisher, at_ns, alive)
+        return found
 
     def rejoin(self, id_: Id, at_ns: int) -> list[Occurrence]:
         """The way is free again, unless it had parted for good."""
         found = list(self.advance(at_ns))
         if self._apart.get(id_) is False:
             del self._apart[id_]
-        return found + self._tell(id_, at_ns)
+        for publisher, subscription in self._pairs(id_):
+            if self.matched(publisher, subscription):
+                receiver, alive = self._subscriptions[subscription], self._publishers[publisher].alive
+                found += self._believe(subscription, receiver, publisher, at_ns, alive)
+        return found
+
+    def _pairs(self, id_: Id) -> list[tuple[Id, Id]]:
+        """A publisher and all that it could reach, or a subscription and all that could reach it."""
+        if id_ in self._subscriptions:
+            return [(publisher, id_) for publisher in self._publishers]
+        return [(id_, subscription) for subscription in self._subscriptions]
 
     # Time.
 
@@ -238,6 +278,7 @@ class World:
             (
                 *(min(publisher.offered.due, publisher.expiry) for publisher in self._publishers.values()),
                 *(subscription.requested.due for subscription in self._subscriptions.values()),
+                *(due for subscription in self._subscriptions.values() for due in subscription.severed.values()),
             ),
             default=NEVER,
         )
@@ -249,6 +290,11 @@ class World:
                 if subscription.requested.due == due:
                     subscription.requested.counted += 1
                     yield Occurrence(due, id_, EventKind.REQUESTED_DEADLINE_MISSED, (1,))
+                for publisher_id, expiry in subscription.severed.items():
+                    if expiry == due:
+                        subscription.severed[publisher_id] = NEVER
+                        if subscription.believes.get(publisher_id):
+                            yield from self._believe(id_, subscription, publisher_id, due, False)
             for id_, publisher in self._publishers.items():
                 if publisher.offered.due == due:
                     publisher.offered.counted += 1
@@ -256,14 +302,12 @@ class World:
                 if publisher.expiry == due:
                     publisher.alive = False
                     yield Occurrence(due, id_, EventKind.LIVELINESS_LOST, (1,))
-                    yield from self._tell(id_, due)
+                    yield from self._tell(id_, publisher, due, False)
 
     def matched(self, publisher: Id, subscription: Id) -> bool:
         """Whether the two know each other."""
-        return publisher not in self._apart and subscription not in self._apart and self._meet(publisher, subscription)
-
-    def _meet(self, publisher: Id, subscription: Id) -> bool:
-        """Whether nothing but the wire can keep them apart."""
+        if publisher in self._apart or subscription in self._apart:
+            return False
         first, second = self._publishers.get(publisher), self._subscriptions.get(subscription)
         return first is not None and second is not None and matches(first.topic, first.qos, second.topic, second.qos)
 
@@ -272,43 +316,43 @@ class World:
     def _assert(self, id_: Id, at_ns: int) -> list[Occurrence]:
         publisher = self._publishers[id_]
         kind = publisher.qos.liveliness
-        covered = {id_: publisher}
+        covered = [id_]
         if kind is Liveliness.MANUAL_BY_NODE:
-            covered = {
-                one: p for one, p in self._publishers.items() if p.node == publisher.node and p.qos.liveliness is kind
-            }
+            covered = [
+                id_ for id_, one in self._publishers.items() if (one.node, one.qos.liveliness) == (publisher.node, kind)
+            ]
         found: list[Occurrence] = []
-        for one, asserted in covered.items():
-            asserted.asserted = at_ns
-            if not asserted.alive:
-                asserted.alive = True
-                found += self._tell(one, at_ns)
+        for one in covered:
+            self._publishers[one].asserted = at_ns
+            if not self._publishers[one].alive:
+                self._publishers[one].alive = True
+                found += self._tell(one, self._publishers[one], at_ns, True)
         return found
 
-    def _tell(self, id_: Id, at_ns: int) -> list[Occurrence]:
-        """What changes for the subscriptions of a publisher, or for a subscription itself."""
-        if id_ in self._subscriptions:
-            pairs = [(publisher, id_) for publisher in self._publishers]
+    def _tell(self, id_: Id, publisher: _Publisher, at_ns: int, alive: bool | None) -> list[Occurrence]:
+        """Whether a publisher is alive, to all that it can reach; None: it is gone."""
+        found: list[Occurrence] = []
+        for subscription_id, subscription in self._subscriptions.items():
+            apart = id_ in subscription.severed or id_ in self._apart or subscription_id in self._apart
+            if id_ in subscription.severed and alive is None:
+                continue
+            if (alive is None and id_ in subscription.believes) or (
+                not apart and matches(publisher.topic, publisher.qos, subscription.topic, subscription.qos)
+            ):
+                found += self._believe(subscription_id, subscription, id_, at_ns, alive)
+        return found
+
+    def _believe(
+        self, id_: Id, subscription: _Subscription, publisher: Id, at_ns: int, alive: bool | None
+    ) -> list[Occurrence]:
+        """The subscription learns it: alive_count and not_alive_count change accordingly (CNT-004)."""
+        before = subscription.believes.get(publisher)
+        if alive is None:
+            subscription.believes.pop(publisher, None)
         else:
-            pairs = [(id_, subscription) for subscription in self._subscriptions]
-        return [one for publisher, subscription in pairs for one in self._recount(publisher, subscription, at_ns)]
-
-    def _recount(self, publisher: Id, subscription: Id, at_ns: int) -> list[Occurrence]:
-        """The difference between how a subscription counts a publisher and how it was told."""
-        counted = self._subscriptions[subscription].counted
-        before, now = counted.pop(publisher, None), self._standing(publisher, subscription)
-        if now is None and publisher in self._publishers and before is not None and not self._apart.get(publisher):
-            now = False  # out of reach: known, and not alive
-        if now is not None:
-            counted[publisher] = now
-        if now is before:
-            return []
-        change = ((now is True) - (before is True), (now is False) - (before is False))
-        return [Occurrence(at_ns, subscription, EventKind.LIVELINESS_CHANGED, change)]
-
-    def _standing(self, publisher: Id, subscription: Id) -> bool | None:
-        """Alive or not; None where the one does not reach the other."""
-        return self._publishers[publisher].alive if self.matched(publisher, subscription) else None
+            subscription.believes[publisher] = alive
+        change = ((alive is True) - (before is True), (alive is False) - (before is False))
+        return [Occurrence(at_ns, id_, EventKind.LIVELINESS_CHANGED, change)] if any(change) else []
 
     def _deliver(self, id_: Id, subscription: _Subscription, sample: Sample, at_ns: int) -> list[Occurrence]:
         found = []

@@ -257,6 +257,7 @@ class Driver:
             raised = describe(command.op, error)
         finally:
             self.calling = outer
+        command.run = _made  # it may hold a callback that the script wants to see released
         command.end = self.clock.now_ns()
         wait = self.clock.run_delay_ns() - delay
         if command.record:
@@ -296,6 +297,10 @@ class Driver:
         self._quiet = merged
         if callbacks or raised:
             self.flush()
+
+
+def _made() -> None:
+    """In the place of a call that has been made."""
 
 
 def _scripted(error: BaseException | None) -> str:

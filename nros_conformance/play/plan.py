@@ -15,6 +15,8 @@ HANG_NS = 5_000 * MS
 the run only this wait."""
 
 
+CYCLE_NS = 20 * MS
+"""What the calls of a cycle may take, several times what a Cyclone session takes to come and go (6 ms)."""
 _PATIENCE = 4
 """What waits for an answer rarely lasts as long as it may; the watchdog of a play allows four times of all."""
 
@@ -39,8 +41,10 @@ def expected_ns(steps: Iterable[object], quantities: Mapping[str, int]) -> int:
     total = 0
     for step in steps:
         match step:
-            case schema.Drive(drive=duration) | schema.Idle(idle=duration):
+            case schema.Drive(drive=duration) | schema.Idle(idle=duration) | schema.Phase(phase=duration):
                 total += duration.ns(quantities)
+            case schema.Cycle(cycle=times, script=script):
+                total += times * (expected_ns(script, quantities) + CYCLE_NS)
             case schema.Until(limit=limit):
                 total += limit.ns(quantities) // _PATIENCE
             case schema.Repeat(repeat=times, script=script):

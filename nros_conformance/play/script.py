@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import time
+import gc
+import random
+import weakref
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from nros_conformance.play import payload
+from nros_conformance.play.cycles import CycleSum
 from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
+from nros_conformance.play.process import QUANTITIES
 from nros_conformance.play.settling import settle
 from nros_conformance.play.stage import Actor, Stage
 from nros_conformance.play.waiting import Waiting
@@ -42,6 +46,9 @@ class Script:
         self._made: Counter[str] = Counter()
         """Calls made so far, by label: those of reactions and of turns of a repeat are numbered on."""
         self._waiting = Waiting(stage, self._publish)
+        self._held: dict[str, list[weakref.ref[Any]]] = {}
+        """Callback and context of each registration, by the label of its step."""
+        self._random = random.Random(stage.plan.header.seed)
         stage.react = self._react
 
     def step(self, label: str) -> Any:
@@ -67,6 +74,12 @@ class Script:
                     self._pause(label, "drive", begin, step.drive.ns(self.stage.quantities))
                 case schema.Idle():
                     self._idle(label, begin, step.idle.ns(self.stage.quantities))
+                case schema.Phase():
+                    self._pause(label, "drive", begin, self._random.randrange(step.phase.ns(self.stage.quantities)))
+                case schema.Cycle():
+                    self._cycle(step, label, begin)
+                case schema.Released():
+                    self._mark(label, "released", begin, self._released(step))
                 case schema.Parallel():
                     self._parallel(step.parallel)
                     self._mark(label, "parallel", begin)
@@ -110,8 +123,8 @@ class Script:
 
     def _measure(self, label: str, begin: int, step: schema.Measure) -> None:
         value: int | None
-        if step.what == "cpu":
-            value = time.process_time_ns()
+        if step.what in QUANTITIES:
+            value = QUANTITIES[step.what]()
         elif step.of is None:
             value = self.stage.peer.counted(step.what)
         else:
@@ -123,6 +136,31 @@ class Script:
         end = self.clock.now_ns()
         if value is not None:
             self.stage.record(Measure(label=label, what=step.what, value=value, begin=begin, end=end))
+
+    def _cycle(self, step: schema.Cycle, label: str, begin: int) -> None:
+        total = CycleSum(label)
+        self._flush()
+        self.stage.sink = total.note
+        try:
+            for _ in range(step.cycle):
+                self.play(step.script)
+                total.cycle()
+            self._flush()
+        finally:
+            self.stage.sink = None
+        end = self.clock.now_ns()
+        self.stage.record(total.record(begin, end))
+        self._mark(label, "cycle", begin)
+
+    def _flush(self) -> None:
+        """Have the quiet spins so far written down, each on its thread."""
+        for driver in self.stage.drivers.values():
+            self.stage.perform(driver, "flush", driver.flush)
+
+    def _released(self, step: schema.Released) -> bool:
+        held = self._held.get(step.registration, [])
+        gc.collect()
+        return all(one() is None for one in (held[:-2] if step.but_last else held))
 
     def _idle(self, label: str, begin: int, duration: int) -> None:
         driven = self._paused.pop(label, None) or self._pause_all()
@@ -288,7 +326,8 @@ class Script:
             case schema.Register():
                 return self._register(step, label, actor)
             case schema.Create():
-                return "create", args, lambda: stage.create(actor)
+                stale = step.stale
+                return "create", args, lambda: stage.create(actor, stale=stale)
             case schema.Destroy():
                 return "destroy", args, lambda: stage.destroy(actor.name)
         raise StopPlay("error", f"no way to play {type(step).__name__}")
@@ -296,7 +335,7 @@ class Script:
     def _publish(self, actor: Actor, label: str, size: int | None, args: dict[str, Any]) -> int:
         actor.sequence += 1
         identity = payload.Identity(self.stage.run_tag, actor.index, self.stage.label_index(label), actor.sequence)
-        data = payload.encode(identity, size or payload.MIN_SIZE)
+        data = b"" if size == 0 else payload.encode(identity, size or payload.MIN_SIZE)
         args |= {"sequence": actor.sequence, "size": len(data)}
         return int(_publisher(actor).publish_raw(data))
 
@@ -309,8 +348,9 @@ class Script:
         else:
             deadline = INFINITE_MS if step.deadline.is_infinite else step.deadline.ns(self.stage.quantities) // MS
         callback = None if step.callback == "none" else self.stage.callback(actor, label)
-        context = step.context or label
-        args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": context}
+        context = _Context(step.context or label)
+        self._held.setdefault(label, []).extend(weakref.ref(one) for one in (callback, context) if one is not None)
+        args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": str(context)}
         return "register", args, lambda: int(actor.created().register_event(kind, deadline, callback, context))
 
     # Anchors of ``at``.
@@ -328,6 +368,10 @@ class Script:
             when = (chosen[0].begin if moment.edge == "begin" else chosen[-1].end) + offset
         self.stage.sleep_until(when)
         return max(when, self.clock.now_ns())
+
+
+class _Context(str):
+    """A context whose life can be watched."""
 
 
 def _session(driver: Driver) -> Session:

@@ -79,7 +79,9 @@ class Stage:
         self.plan = plan
         self.scenario = scenario
         self.clock = clock
-        self.record = record
+        self._write = record
+        self.sink: Callable[[AnyRecord], None] | None = None
+        """Takes the records in place of the trace."""
         self.quantities = plan.header.quantities
         self.abort = clock.signal()
         self.stopped: StopPlay | None = None
@@ -185,6 +187,10 @@ class Stage:
         return RemoteDriver(
             name, self.clock, self.record, self.fail, lambda: SessionProcess(name, wall_clock), cast, driven
         )  # fmt: skip
+
+    def record(self, record: AnyRecord) -> None:
+        """Write a record down."""
+        (self.sink or self._write)(record)
 
     # Failing and waiting.
 
@@ -294,12 +300,13 @@ class Stage:
         self.prepare(driver)
         return code
 
-    def create(self, actor: Actor) -> int:
+    def create(self, actor: Actor, *, stale: bool = False) -> int:
         """Create an entity and register its events; on its session's thread. The return code.
 
-        If its session has been destroyed, or does not exist yet, that is created before.
+        If its session has been destroyed, or does not exist yet, that is created before, unless the stale one is
+        wanted.
         """
-        if actor.driver.name in self._closed or actor.driver.session is None:
+        if not stale and (actor.driver.name in self._closed or actor.driver.session is None):
             code = self.connect(actor.driver)
             if code:
                 return code

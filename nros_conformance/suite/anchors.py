@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from nros_conformance.formats.places import Document, Path_
 from nros_conformance.suite.moments import Moment
-from nros_conformance.suite.schema import Create, Parallel, Repeat, Repeated, Scenario, Step
+from nros_conformance.suite.schema import Create, Cycle, Parallel, Repeat, Repeated, Scenario, Step
 from nros_conformance.suite.walk import base_name, steps
 
 _Node = tuple[Path_, str]
@@ -61,7 +61,7 @@ class _Waits:
             if isinstance(step, Parallel):
                 for number, branch in enumerate(step.parallel):
                     self.sequence(branch, (*here, "parallel", number), begin, end)
-            if isinstance(step, Repeat):
+            if isinstance(step, Cycle | Repeat):
                 self.sequence(step.script, (*here, "script"), begin, end)
             before = end
         self.edges.setdefault(after, []).append(before)

@@ -14,6 +14,7 @@ from nros_conformance.suite import schema
 from nros_conformance.suite.anchors import check_anchors
 from nros_conformance.suite.catalogue import Requirements
 from nros_conformance.suite.connection import check_connection
+from nros_conformance.suite.cycles import check_cycle, check_cycles, check_measure
 from nros_conformance.suite.injections import check_injection, publishes
 from nros_conformance.suite.kinds import expected_entities, expected_kinds
 from nros_conformance.suite.names import Names, word
@@ -29,7 +30,7 @@ COUNT_MAX = 1000
 _CALLS = (schema.Call, schema.Spin)
 _ANSWERING = (
     schema.Publish, schema.Assert, schema.Take, schema.HasData, schema.Register, schema.Supports, schema.Create,
-    schema.Destroy, schema.Ping, schema.Until, *_CALLS,
+    schema.Destroy, schema.Released, schema.Ping, schema.Until, *_CALLS,
 )  # fmt: skip
 _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]], ...]] = {
     schema.GapGiven: (("gap", (*_ANSWERING, schema.Measure)),),
@@ -42,6 +43,8 @@ _LABELS: dict[type[schema.Base], tuple[tuple[str, tuple[type[schema.Step], ...]]
     schema.Takes: (("takes", (*_ANSWERING, schema.Settle)),),
     schema.Measured: (("from", (schema.Measure,)), ("to", (schema.Measure,))),
     schema.Counted: (("counted", (schema.Measure,)), ("since", (schema.Measure,))),
+    schema.Cycles: (("cycles", (schema.Cycle,)), ("step", (*_ANSWERING, schema.Settle))),
+    schema.Released: (("registration", (schema.Register,)),),
 }
 """Which fields name labels, and of which steps."""
 
@@ -133,8 +136,11 @@ class _Check:
         check_connection(self.names, path, step)
         if isinstance(step, schema.Repeated):
             self._not_below((*path, "times"), step.times, 1)
+        if isinstance(step, schema.Cycle):
+            check_cycle(self.names, path, step)
         if isinstance(step, _CALLS):
             self.names.check_session((*path, "session"), step.session)
+        self._labels(path, step)
         sessions = self.names.sessions
         if isinstance(step, (schema.Destroy, schema.Fault)) and step.of is not None and step.of not in sessions:
             self.names.check_entities((*path, "of"), [step.of], others=sessions)
@@ -142,22 +148,14 @@ class _Check:
             self._create((*path, "entity"), base_name(step.entity))
         if isinstance(step, schema.Fault):
             check_injection(self.names, path, step)
-        if isinstance(step, schema.Measure) and step.what == "cpu":
-            self._measure(path)
+        if isinstance(step, schema.Measure):
+            check_measure(self.names, path, step)
 
     def _create(self, path: Path_, name: str) -> None:
         entity = self.scenario.entities[name]
         gone = {base_name(step.of) for _, step in steps(self.scenario) if isinstance(step, schema.Destroy)}
         if not entity.deferred and not gone & {name, session_of(entity)}:
             raise self.error(path, f"{name!r} exists from the start", "add deferred: true to the entity")
-
-    def _measure(self, path: Path_) -> None:
-        """Processor time is that of a process, and virtual time costs none."""
-        needs = self.scenario.needs
-        if needs.process != "own" or needs.clock != "real":
-            raise self.error(
-                path, "others share the process, or time is virtual", "add needs: {process: own, clock: real}"
-            )
 
     # --- what is expected ---------------------------------------------------------------------------
 
@@ -189,6 +187,9 @@ class _Check:
             self._groups((*path, "any_of"), "group", expectation.any_of)
         if isinstance(expectation, schema.Inside):
             self._status(path, expectation)
+        if isinstance(expectation, schema.Cycles):
+            check_cycles(self.names, path, expectation)
+            self._answers(path, expectation.is_)
         if isinstance(expectation, schema.Level):
             window = (expectation.from_ is not None, expectation.until is not None)
             if window != ((False, False) if expectation.by is not None else (True, True)):
@@ -239,11 +240,10 @@ class _Check:
         exact = None if isinstance(expectation, schema.Callbacks) else expectation.is_
         least, most = expectation.at_least, expectation.at_most
         if exact is None and least is None and most is None:
-            bounds = "at_least: or at_most:"
+            head = type(expectation).__name__.lower()
+            callbacks = isinstance(expectation, schema.Callbacks)
             raise self.error(
-                path,
-                f"{type(expectation).__name__.lower()} without a number",
-                f"add {bounds}" if isinstance(expectation, schema.Callbacks) else f"add is:, {bounds}",
+                path, f"{head} without a number", f"add {'' if callbacks else 'is:, '}at_least: or at_most:"
             )
         if exact is not None and (least is not None or most is not None):
             raise self.error((*path, "is"), "is: stands beside a bound", "keep is: alone, or the bounds")
@@ -272,7 +272,10 @@ class _Check:
                 raise self.error(here, f"returns: {name!r} is a step with {word(type(step))}, which answers nothing")
         if not part.is_:
             raise self.error((*path, "is"), "is: no answer is listed", "list one or more")
-        for answer in part.is_:
+        self._answers(path, part.is_)
+
+    def _answers(self, path: Path_, answers: Sequence[str]) -> None:
+        for answer in answers:
             if answer not in ANSWERS:
                 raise self.names.unknown((*path, "is"), "answer", answer, ANSWERS)
 

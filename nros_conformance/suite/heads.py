@@ -16,6 +16,7 @@ from nros_conformance.suite.schema import (
     STEPS,
     AnyOf,
     Base,
+    Cycle,
     Expectation,
     Parallel,
     Repeat,
@@ -63,6 +64,9 @@ def _step(document: Document, raw: Any, path: Path_) -> Step:
             for b, branch in enumerate(step.parallel)
         ]
         return structs.replace(step, parallel=branches)
+    if isinstance(step, Cycle):
+        script = [_step(document, item, (*path, "script", i)) for i, item in enumerate(step.script)]
+        return structs.replace(step, script=script)
     if isinstance(step, Repeat):
         turns = [_step(document, item, (*path, "script", i)) for i, item in enumerate(step.script)]
         return structs.replace(step, script=turns)
@@ -96,7 +100,7 @@ def _proving(raw: Any, proves: str | list[str]) -> Any:
 def _answers(raw: dict[str, Any], head: str) -> dict[str, Any]:
     """YAML's true and false are answers like ``OK``: words."""
     answers = raw.get("is")
-    if head == "returns" and isinstance(answers, list):
+    if head in ("returns", "cycles") and isinstance(answers, list):
         return {**raw, "is": [str(word).lower() if isinstance(word, bool) else word for word in answers]}
     return raw
 

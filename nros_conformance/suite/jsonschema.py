@@ -78,7 +78,9 @@ def build() -> _Json:
         "description": "A step of a script. One that needs nothing more may be its word alone.",
         "anyOf": [
             {"const": "settle"},
-            *builder.varying(schema.STEPS.values(), {"parallel": {"type": "array", "items": _list("step")}}),
+            *builder.varying(
+                schema.STEPS.values(), {"parallel": {"type": "array", "items": _list("step")}, "script": _list("step")}
+            ),
             *builder.varying(schema.DOINGS.values()),
             {"type": "object", "properties": {"do": _ref("parameter")}, "required": ["do"]},
             _ref("parameter"),

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from nros_conformance.rmw.events import EventKind
-from nros_conformance.suite.schema import Conserved, Expectation, Fault, Inside, Level, Never, Periodic, Scenario, Total
+from nros_conformance.suite.schema import (
+    Conserved,
+    Cycles,
+    Expectation,
+    Fault,
+    Inside,
+    Level,
+    Never,
+    Periodic,
+    Scenario,
+    Total,
+)
 from nros_conformance.suite.walk import base_name, expectations, moments, parts, steps
 
 
@@ -47,6 +58,8 @@ def expected_kinds(expectation: Expectation) -> tuple[str, ...]:
         return (expectation.total,)
     if isinstance(expectation, Inside):
         return (expectation.event,)
+    if isinstance(expectation, Cycles) and expectation.event is not None:
+        return (expectation.event,)
     if isinstance(expectation, Level):
         return (EventKind.LIVELINESS_CHANGED.label,)
     if isinstance(expectation, Conserved):
@@ -61,6 +74,8 @@ def expected_entities(expectation: Expectation) -> tuple[str, ...]:
         return tuple(name for name in names if name != "ALL")
     if isinstance(expectation, (Periodic, Total, Inside)):
         return (expectation.of,)
+    if isinstance(expectation, Cycles) and expectation.of is not None:
+        return (expectation.of,)
     if isinstance(expectation, Conserved):
         return (expectation.conserved,)
     return ()
@@ -69,7 +84,7 @@ def expected_entities(expectation: Expectation) -> tuple[str, ...]:
 def _named(scenario: Scenario) -> Iterator[tuple[str, str, bool]]:
     """Kind, entity, and whether the scenario is void unless it fires."""
     for _, expectation in expectations(scenario):
-        positive = isinstance(expectation, (Periodic, Total, Level, Inside))
+        positive = isinstance(expectation, (Periodic, Total, Level, Inside, Cycles))
         for kind in expected_kinds(expectation):
             for entity in expected_entities(expectation):
                 yield kind, entity, positive

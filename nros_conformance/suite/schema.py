@@ -127,6 +127,22 @@ class Idle(Step, frozen=True, kw_only=True):
     idle: Duration
 
 
+class Phase(Step, frozen=True, kw_only=True):
+    """Let a part of this time pass, drawn by the play's seed: stimuli at round times hide poll grids."""
+
+    phase: Duration
+
+
+class Cycle(Step, frozen=True, kw_only=True):
+    """Play a script so many times. What happens is summed up cycle by cycle, and not written down one by one.
+
+    Only `cycles` can say what is expected of it; a last cycle that is to be looked at closely follows it.
+    """
+
+    cycle: int
+    script: list[Any]
+
+
 class Parallel(Step, frozen=True, kw_only=True):
     """Branches that run side by side; the step ends with the last of them."""
 
@@ -203,7 +219,7 @@ class Publish(Repeated, frozen=True, kw_only=True):
     do: Literal["publish"]
     by: EntityName
     size: int | None = None
-    """Bytes of the serialized sample, when it matters."""
+    """Bytes of the serialized sample, when it matters. One of 0 bytes cannot say who sent it."""
 
 
 class Assert(Repeated, frozen=True, kw_only=True):
@@ -255,6 +271,8 @@ class Create(Step, frozen=True, kw_only=True):
 
     do: Literal["create"]
     entity: EntityName
+    stale: bool = False
+    """On the session as it is, also if it is destroyed; else a destroyed session is created anew before."""
 
 
 class Destroy(Repeated, frozen=True, kw_only=True):
@@ -290,16 +308,30 @@ class Ping(Repeated, frozen=True, kw_only=True):
     attempts: int = 1
 
 
+class Released(Step, frozen=True, kw_only=True):
+    """Whether callback and context of these registrations are gone, now that nobody else refers to them."""
+
+    do: Literal["released"]
+    registration: Identifier
+    """The label of a register step."""
+    but_last: bool = False
+    """Of all but the last one, which is still in force."""
+
+
+Quantity: TypeAlias = Literal["cpu", "threads", "descriptors", "memory", "listed", "checks", "probes"]
+
+
 class Measure(Step, frozen=True, kw_only=True):
     """Write down a quantity.
 
-    ``cpu``: the processor time that all threads of the process have used. As the peer tells it:
+    Of the process: ``cpu``, the processor time that all its threads have used; ``threads`` and ``descriptors``, how
+    many there are; ``memory``, bytes that are resident after the garbage is collected. As the peer tells it:
     ``listed``, how many entities with the topic and the side of entity ``of`` it has in its graph;
     ``checks``, how many hard liveliness pings it has sent; ``probes``, how many pings of clients it has seen.
     """
 
     do: Literal["measure"]
-    what: Literal["cpu", "listed", "checks", "probes"]
+    what: Quantity
     of: EntityName | None = None
 
 
@@ -335,20 +367,22 @@ Doing: TypeAlias = (
     | Call
     | Spin
     | Ping
+    | Released
     | Measure
     | Raise
 )
-AnyStep: TypeAlias = Drive | Idle | Parallel | Fault | Until | Repeat | Doing
+AnyStep: TypeAlias = Drive | Idle | Phase | Cycle | Parallel | Fault | Until | Repeat | Doing
 
 DOINGS: dict[str, type[Step]] = {
     "settle": Settle, "publish": Publish, "assert": Assert, "take": Take, "has_data": HasData, "register": Register,
     "supports": Supports, "create": Create, "destroy": Destroy, "drive": Call, "spin": Spin, "ping": Ping,
-    "measure": Measure, "raise": Raise,
+    "released": Released, "measure": Measure, "raise": Raise,
 }  # fmt: skip
 """By the value of ``do``."""
 
 STEPS: dict[str, type[Step]] = {
-    "drive": Drive, "idle": Idle, "parallel": Parallel, "fault": Fault, "until": Until, "repeat": Repeat,
+    "drive": Drive, "idle": Idle, "phase": Phase, "cycle": Cycle, "parallel": Parallel, "fault": Fault, "until": Until,
+    "repeat": Repeat,
 }  # fmt: skip
 """By head; a step with ``do`` is one of `DOINGS`."""
 
@@ -545,6 +579,22 @@ class Counted(Expectation, frozen=True, kw_only=True):
     at_most: int | None = None
 
 
+class Cycles(Expectation, frozen=True, kw_only=True):
+    """In each turn of a ``cycle``: what a step answered, how many samples an entity took, what an event counted.
+
+    Exactly one of ``step``, ``sampled`` and ``event``. Of events the occurrences count, of
+    LivelinessChanged the callbacks.
+    """
+
+    cycles: Identifier
+    step: Identifier | None = None
+    is_: list[str] = field(name="is", default_factory=list)
+    sampled: EntityName | None = None
+    event: KindName | None = None
+    of: EntityName | None = None
+    at_least: int = 1
+
+
 class AnyOf(Expectation, frozen=True, kw_only=True):
     """One of these groups of expectations holds as a whole."""
 
@@ -567,12 +617,14 @@ AnyExpectation: TypeAlias = (
     | Takes
     | Measured
     | Counted
+    | Cycles
     | AnyOf
 )
 EXPECTATIONS: dict[str, type[Expectation]] = {
     "never": Never, "periodic": Periodic, "total": Total, "level": Level, "returns": Returns, "agrees": Agrees,
     "admitted": Admitted, "received": Received, "conserved": Conserved, "inside": Inside, "callback": Callback,
-    "callbacks": Callbacks, "takes": Takes, "measured": Measured, "counted": Counted, "any_of": AnyOf,
+    "callbacks": Callbacks, "takes": Takes, "measured": Measured, "counted": Counted, "cycles": Cycles,
+    "any_of": AnyOf,
 }  # fmt: skip
 
 

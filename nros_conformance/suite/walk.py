@@ -8,7 +8,18 @@ from typing import Any
 
 from nros_conformance.formats.places import Path_
 from nros_conformance.suite.moments import Moment
-from nros_conformance.suite.schema import AnyOf, Base, Entity, Expectation, Parallel, Reaction, Repeat, Scenario, Step
+from nros_conformance.suite.schema import (
+    AnyOf,
+    Base,
+    Cycle,
+    Entity,
+    Expectation,
+    Parallel,
+    Reaction,
+    Repeat,
+    Scenario,
+    Step,
+)
 
 
 def steps(scenario: Scenario) -> Iterator[tuple[Path_, Step]]:
@@ -37,7 +48,7 @@ def _steps(script: Sequence[Step], path: Path_) -> Iterator[tuple[Path_, Step]]:
         if isinstance(step, Parallel):
             for number, branch in enumerate(step.parallel):
                 yield from _steps(branch, (*path, index, "parallel", number))
-        if isinstance(step, Repeat):
+        if isinstance(step, Cycle | Repeat):
             yield from _steps(step.script, (*path, index, "script"))
 
 

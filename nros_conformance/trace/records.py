@@ -208,13 +208,32 @@ class Blind(Record, frozen=True, kw_only=True, tag="blind"):
     session: str = ""
 
 
+class Cycles(Record, frozen=True, kw_only=True, tag="cycles"):
+    """What happened in the turns of a cycle step, summed up. No other record tells of them."""
+
+    label: str
+    times: int
+    """Cycles that were played to their end."""
+    calls: dict[str, list[Act]] = {}
+    """Step -> the first call of each different answer."""
+    answers: dict[str, list[int]] = {}
+    """Step -> how often each of these answers came."""
+    received: dict[str, list[int]] = {}
+    """Entity -> fewest and most samples that it took in a cycle; entities that took none at all are left out."""
+    events: dict[str, list[int]] = {}
+    """``listener/RequestedDeadlineMissed`` -> the smallest and the largest sum of changes in a cycle, of
+    LivelinessChanged number of callbacks; likewise."""
+    begin: int
+    end: int
+
+
 class Measure(Record, frozen=True, kw_only=True, tag="measure"):
     """A measured quantity of a process, or of the peer."""
 
     label: str
     what: str
-    """``cpu``: the processor time that all its threads have used, ns. ``listed``, ``checks``, ``probes``: what the
-    peer has counted."""
+    """``cpu``: the processor time that all its threads have used, ns; ``threads``, ``descriptors``: how many there
+    are; ``memory``: resident bytes. ``listed``, ``checks``, ``probes``: what the peer has counted."""
     value: float
     begin: int
     end: int
@@ -230,7 +249,7 @@ class End(Record, frozen=True, kw_only=True, tag="end"):
 
 
 AnyRecord: TypeAlias = (
-    Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Changed | Blind | Measure | End
+    Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Changed | Blind | Cycles | Measure | End
 )
 
 

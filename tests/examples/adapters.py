@@ -54,8 +54,7 @@ class _RefusingSubscription(ReferenceSubscription):
 
 
 class _RefusingSession(ReferenceSession):
-    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> ReferenceSubscription:
-        return _RefusingSubscription(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+    subscription_type = _RefusingSubscription
 
 
 class _AutomaticSession(ReferenceSession):
@@ -71,8 +70,7 @@ class _SilentSubscription(ReferenceSubscription):
 
 
 class _SilentSession(ReferenceSession):
-    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> ReferenceSubscription:
-        return _SilentSubscription(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+    subscription_type = _SilentSubscription
 
 
 class _RepeatingSubscription(ReferenceSubscription):
@@ -84,8 +82,7 @@ class _RepeatingSubscription(ReferenceSubscription):
 
 
 class _RepeatingSession(ReferenceSession):
-    def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> ReferenceSubscription:
-        return _RepeatingSubscription(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+    subscription_type = _RepeatingSubscription
 
 
 class _DeadPublisher(ReferencePublisher):
@@ -94,5 +91,4 @@ class _DeadPublisher(ReferencePublisher):
 
 
 class _DeadSession(ReferenceSession):
-    def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> ReferencePublisher:
-        return _DeadPublisher(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+    publisher_type = _DeadPublisher

@@ -60,19 +60,20 @@ STRUCTURE = [
     ("{drive: 2T,", "{driv: 2T,", "13: unknown head 'driv' of a step; did you mean 'drive'?"),
     (
         "{drive: 2T,",
-        "{pause: 2T,",
-        "13: unknown head 'pause' of a step; valid are do, drive, fault, idle, parallel, repeat, until",
+        "{wait: 2T,",
+        "13: unknown head 'wait' of a step; valid are cycle, do, drive, fault, idle, parallel, phase, repeat, until",
     ),
     ("{drive: 2T,", "{drive: 2T, idle: 2T,", "13: a step with several heads: drive, idle; write one for each"),
     (
         "{drive: 2T, as: silence}",
         "{}",
-        "13: a step that says nothing; a step has one of drive, idle, parallel, fault, until, repeat, do",
+        "13: a step that says nothing; a step has one of drive, idle, phase, cycle, parallel, fault, until, repeat, do",
     ),
     (
         "{drive: 2T, as: silence}",
         "2",
-        "13: 2 is not a step; a step is a mapping with one of drive, idle, parallel, fault, until, repeat, do",
+        "13: 2 is not a step; a step is a mapping with one of "
+        "drive, idle, phase, cycle, parallel, fault, until, repeat, do",
     ),
     ("do: publish", "do: publsh", "11: do: unknown value 'publsh'; did you mean 'publish'?"),
     ("do: publish", "do: [publish]", "11: do: unknown value ['publish']; did you mean 'publish'?"),

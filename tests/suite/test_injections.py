@@ -63,7 +63,7 @@ def test_a_fault_that_publishes_is_referred_to_like_a_publish_step(
     ("'hole[4]'", "'hole[5]'", "25: at: there is no moment 'hole[5]': 'hole' happens 5 times"),
     (
         "    needs: {process: own, clock: real}\n", "    needs: {clock: real}\n",
-        "18: others share the process, or time is virtual; add needs: {process: own, clock: real}",
+        "18: others share the process; add needs: {process: own}",
     ),
     (
         "from: before", "from: data",

@@ -137,7 +137,7 @@ def test_docstrings_describe_types_and_fields() -> None:
     definitions = build()["$defs"]
     assert definitions["Publish"]["description"] == "`publish_raw` with the next sequence number of that publisher."
     assert definitions["Publish"]["properties"]["size"]["description"] == (
-        "Bytes of the serialized sample, when it matters."
+        "Bytes of the serialized sample, when it matters. One of 0 bytes cannot say who sent it."
     )
     at = "Begin at this moment instead of after the step before."  # of a field that Publish inherits
     assert definitions["Publish"]["properties"]["at"]["description"] == at

@@ -63,6 +63,8 @@ EVERYTHING = """\
       - {do: register, of: listener, kind: 255, callback: none, deadline: infinite, as: registered}
       - {do: supports, of: listener, kind: MessageLost, as: supported}
       - {do: drive, timeout: 0, as: call}
+      - {phase: 1T}
+      - {cycle: 2, as: turns, script: [{do: has_data, of: listener, as: turned}]}
       - {do: measure, what: cpu, as: before}
       - {do: measure, what: cpu, as: after}
       - {do: spin, session: far, timeout: 1T, cap: 1, times: 4, as: spins}
@@ -86,6 +88,7 @@ EVERYTHING = """\
       - {agrees: supported, with: registered, proves: RDM-001}
       - {admitted: late, proves: RDM-001}
       - {measured: cpu, from: before, to: after, at_most: 0.5T, proves: RDM-002}
+      - {cycles: turns, step: turned, is: [OK], proves: RDM-002}
       - {counted: after, since: before, at_least: 0, at_most: 3, proves: RDM-002}
       - {received: data, of: listener, is: 2, proves: RDM-001}
       - {conserved: listener, from: [crowd], since: data, proves: RDM-001}

@@ -11,6 +11,7 @@ from typing import Any
 
 from nros_backends.reference.connection import ConnectedSession
 from nros_backends.reference.link import Delayed, ReferenceEnvironment
+from nros_backends.reference.wire import LARGEST, decode, malformed
 from nros_conformance.model.agent import Agent
 from nros_conformance.model.world import Occurrence, Sample, Topic, World
 from nros_conformance.rmw.backend import (
@@ -21,26 +22,28 @@ from nros_conformance.rmw.backend import (
     SessionOptions,
     Subscription,
 )
-from nros_conformance.rmw.clock import MS
+from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.detection import CountTracker, LivelinessTally
 from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
 from nros_conformance.rmw.events import EventCallback, EventKind, Side
 from nros_conformance.rmw.qos import QosProfile
 
-CAPACITY = 2**20
-"""Bytes of the largest sample."""
-
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 
 
 class ReferenceBackend(Backend):
-    """One world, and one agent, for all sessions of a scenario. Without `environment` the agent is always there."""
+    """One world, and one agent, for all sessions of a scenario. Without `environment` the agent is always there.
+
+    The types and small methods below are what a defective variant replaces.
+    """
+
+    world_type: type[World] = World
 
     def __init__(self, host: Host) -> None:
         super().__init__(host)
         self.clock = host.clock
-        self.world = World()
+        self.world = self.world_type()
         # On the real clock, where the control runs a planted defect, sessions are threads.
         self.lock = threading.RLock()
         self.ids = count()
@@ -49,8 +52,13 @@ class ReferenceBackend(Backend):
         self.agent = Agent(lambda client: client in self.sessions and self.sessions[client].answers_checks())
         self.delayed: list[Delayed] = []
 
+    @property
+    def session_type(self) -> type[ReferenceSession]:
+        """What `create_session` makes."""
+        return ReferenceSession
+
     def create_session(self, options: SessionOptions) -> ReferenceSession:
-        return ReferenceSession(self, options)
+        return self.session_type(self, options)
 
     def environment(self) -> ReferenceEnvironment:
         return ReferenceEnvironment(self)
@@ -71,20 +79,46 @@ class ReferenceBackend(Backend):
             return self.world.matched(publisher.id, subscription.id)
 
     def inject(self, fault: str, **arguments: Any) -> int:
-        """``lose``, ``preset``, and what a link can suffer."""
+        """All that the declaration lists; processes and their clocks are simulated too."""
         session = arguments.get("session")
         if isinstance(session, ReferenceSession):
-            return session.suffer(fault, arguments)
+            return session.hit(fault, arguments)
         entity = arguments.get("entity")
-        if fault == "lose" and isinstance(entity, ReferencePublisher):
-            entity.unheard = True
-            try:
-                return int(min(arguments["publish"]() for _ in range(arguments["count"])))
-            finally:
-                entity.unheard = False
         if fault == "preset" and isinstance(entity, ReferencePublisher | ReferenceSubscription):
             return entity.preset(arguments["kind"], arguments["count"])
+        if isinstance(entity, ReferencePublisher):
+            entity.unheard = fault == "lose"
+            try:
+                codes = []
+                for _ in range(arguments["count"]):
+                    codes.append(arguments["publish"]())
+                    if fault == "duplicate":
+                        self._again(entity)
+                return int(min(codes))
+            finally:
+                entity.unheard = False
         return ReturnCode.UNSUPPORTED
+
+    def _again(self, publisher: ReferencePublisher) -> None:
+        """What it sent last arrives once more. Reordering shows nowhere: the link puts samples in order."""
+        for entity in self.entities.values():
+            if isinstance(entity, ReferenceSubscription) and self.world.matched(publisher.id, entity.id):
+                entity.repeated(publisher.id, self.clock.now_ns())
+
+    def silence(self, session: ReferenceSession) -> None:
+        """A process has stopped, or goes on: have the world know whom its publishers reach."""
+        now = self.clock.now_ns()
+        for publisher in [one for one in self.entities.values() if one.side is Side.PUBLISHER]:
+            for subscription in [one for one in self.entities.values() if one.side is Side.SUBSCRIPTION]:
+                if session not in (publisher.session, subscription.session):
+                    continue
+                if publisher.session.link.down or subscription.session.link.down:
+                    if self.world.matched(publisher.id, subscription.id):
+                        self.tell(
+                            self.world.sever(publisher.id, subscription.id, publisher.session.link.lease // MS, now)
+                        )
+                else:
+                    self.tell(self.world.restore(publisher.id, subscription.id, now))
 
     def advance(self) -> None:
         """Let the world, the agent and the links catch up with the clock, in the order of what is due."""
@@ -132,16 +166,66 @@ class ReferenceBackend(Backend):
 class ReferenceSession(ConnectedSession):
     """A session: its own ready queue over the shared world."""
 
+    queue_type: type[ReadyQueue] = ReadyQueue
+
     def __init__(self, backend: ReferenceBackend, options: SessionOptions) -> None:
-        self.queue = ReadyQueue()
+        self.queue = self.queue_type()
+        self.held: list[Callable[[], None]] = []
+        """What is sent while the link is stalled."""
+        self.wall_clock_step_ns = 0
+        """By how much the wall clock of its process was stepped; nothing looks at it (RDM-006)."""
         self.destroyed = False
         super().__init__(backend, options)
 
+    @property
+    def publisher_type(self) -> type[ReferencePublisher]:
+        """What `create_publisher` makes."""
+        return ReferencePublisher
+
+    @property
+    def subscription_type(self) -> type[ReferenceSubscription]:
+        """What `create_subscription` makes."""
+        return ReferenceSubscription
+
+    def hit(self, fault: str, arguments: dict[str, Any]) -> int:
+        """A fault of its link, or of its process."""
+        with self.backend.lock:
+            self.backend.advance()
+            match fault:
+                case "crash" | "freeze" | "thaw":
+                    self.link.down = fault != "thaw"
+                    self.backend.silence(self)
+                case "stall":
+                    self.link.stalled = True
+                case "clock_step":
+                    self.wall_clock_step_ns += arguments["by_ns"]
+                case "inject":
+                    entities = self.backend.entities.items()
+                    publisher = next((id_ for id_, one in entities if one.side is Side.PUBLISHER), 0)
+                    for packet in malformed(publisher, arguments["count"], arguments["seed"]):
+                        self.receive(packet)
+                case _:
+                    code = self.suffer(fault, arguments)
+                    if fault == "heal":
+                        self.link.stalled = False
+                        held, self.held = self.held, []
+                        for send in held:
+                            send()
+                    return code
+        return ReturnCode.OK
+
+    def receive(self, packet: bytes) -> None:
+        """A packet that came from nobody known. What is no frame of ours is dropped (ROB-001)."""
+        frame = decode(packet)
+        assert frame is None, "nobody but the harness sends here, and it sends nothing valid"
+
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> ReferencePublisher:
-        return ReferencePublisher(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+        key, qos = self.admit(topic, type_name, qos)
+        return self.publisher_type(self, key, topic, type_name, qos)
 
     def create_subscription(self, topic: str, type_name: str, qos: QosProfile) -> ReferenceSubscription:
-        return ReferenceSubscription(self, self._admit(topic, type_name, qos), topic, type_name, qos)
+        key, qos = self.admit(topic, type_name, qos)
+        return self.subscription_type(self, key, topic, type_name, qos)
 
     def drive_io(self, timeout_ms: int, max_callbacks: int | None = None) -> int:
         if self.destroyed:
@@ -161,6 +245,8 @@ class ReferenceSession(ConnectedSession):
 
     def poll(self) -> bool:
         """Let the world catch up with the clock; whether a callback is ready."""
+        if self.link.down:
+            return False  # a process that does not run
         with self.backend.lock:
             self.backend.advance()
             for entity in self.entities:
@@ -169,6 +255,8 @@ class ReferenceSession(ConnectedSession):
 
     def next_due_ns(self) -> int:
         """When something happens by itself next."""
+        if self.link.down:
+            return NEVER
         with self.backend.lock:
             return self.backend.next_due_ns
 
@@ -183,7 +271,8 @@ class ReferenceSession(ConnectedSession):
         self.signal.set()
         return code
 
-    def _admit(self, topic: str, type_name: str, qos: QosProfile) -> Topic:
+    def admit(self, topic: str, type_name: str, qos: QosProfile) -> tuple[Topic, QosProfile]:
+        """What identifies the topic, and the QoS in force. Raises `RmwError`."""
         if self.destroyed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         self.await_peer()
@@ -193,13 +282,16 @@ class ReferenceSession(ConnectedSession):
         for entity in self.backend.entities.values():
             if (entity.key[0], entity.topic) == (self.options.domain_id, topic) and entity.type_name != type_name:
                 raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{topic} has the type {entity.type_name}")
-        return (self.options.domain_id, topic, type_name)
+        return (self.options.domain_id, topic, type_name), qos
 
 
 class _Entity:
     """What both ends share: an identity in the world, and a registry over count and liveliness sources."""
 
     side: Side
+    registry_type: type[EventRegistry] = EventRegistry
+    tracker_type: type[CountTracker] = CountTracker
+    tally_type: type[LivelinessTally] = LivelinessTally
 
     def __init__(self, session: ReferenceSession, key: Topic, topic: str, type_name: str, qos: QosProfile) -> None:
         self.session = session
@@ -210,11 +302,11 @@ class _Entity:
         self.qos = qos
         self.id = next(self.backend.ids)
         self.sources: dict[EventKind, LivelinessTally | CountTracker] = {
-            kind: LivelinessTally() if kind is EventKind.LIVELINESS_CHANGED else CountTracker()
+            kind: self.tally_type() if kind is EventKind.LIVELINESS_CHANGED else self.tracker_type()
             for kind in EventKind
             if kind.side is self.side
         }
-        self.registry = EventRegistry(session.queue, self.sources, qos_deadline_ms=qos.deadline_ms)
+        self.registry = self.registry_type(session.queue, self.sources, qos_deadline_ms=qos.deadline_ms)
         self.destroyed = False
         self.backend.entities[self.id] = self  # type: ignore[assignment]
         session.entities.append(self)  # type: ignore[arg-type]
@@ -280,14 +372,16 @@ class ReferencePublisher(_Entity, Publisher):
     def publish_raw(self, data: bytes) -> int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
-        if len(data) > CAPACITY:
+        if len(data) > LARGEST:
             return ReturnCode.MESSAGE_TOO_LARGE
         if self.session.lost:
             return ReturnCode.CONNECTION_FAILED
         with self.backend.lock:
             self.backend.advance()
             now = self.backend.clock.now_ns()
-            if self.session.link.delay:
+            if self.session.link.stalled:
+                self.session.held.append(lambda: self.send(data))
+            elif self.session.link.delay:
                 self.backend.later(now + self.session.link.delay, lambda: self.send(data))
             else:
                 self.send(data)
@@ -343,6 +437,9 @@ class ReferenceSubscription(_Entity, Subscription):
         if sample is not None:
             self.registry.message(now_ns, lambda: self._waits(sample))
             self.session.signal.set()
+
+    def repeated(self, publisher: int, now_ns: int) -> None:
+        """The newest sample of a publisher came once more: known already, so nothing comes of it (MSL-004)."""
 
     def _waits(self, sample: Sample) -> bool:
         with self.backend.lock:

@@ -48,7 +48,7 @@ class ConnectedSession(Session):
 
     def answers_checks(self) -> bool:
         """Whether a hard liveliness ping reaches it and its answer comes back."""
-        return self.link.open
+        return self.link.open and not self.link.down
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         if self.id not in self.backend.sessions:

@@ -24,6 +24,10 @@ class Link:
     in_: bool = True
     delay: int = 0
     """By how much what the session sends arrives later."""
+    down: bool = False
+    """Its process is frozen or dead: it calls nothing, and nothing reaches it."""
+    stalled: bool = False
+    """What it sends is held back."""
     silent_since: int | None = None
     """Since when nothing has come from the peer."""
     cuts: int = 0

@@ -1,0 +1,21 @@
+"""The reference with one defect each: what the suites have to expose."""
+
+from __future__ import annotations
+
+from nros_backends.reference.mutants import (
+    counters,
+    deadlines,
+    dispatch,
+    liveliness,
+    losses,
+    misuse,
+    registration,
+)
+from nros_conformance.rmw.mutants import Mutant
+
+_SUBJECTS = (registration, dispatch, counters, deadlines, liveliness, losses, misuse)
+
+
+def all_mutants() -> tuple[Mutant, ...]:
+    """All of them, in the order of subjects."""
+    return tuple(mutant for subject in _SUBJECTS for mutant in subject.mutants())

@@ -1,0 +1,1 @@
+"""Testing the suites themselves, and searching beyond them: mutants, generated timelines, differential runs."""

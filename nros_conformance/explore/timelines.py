@@ -1,0 +1,258 @@
+"""Timelines: short lists of actions on a fixed cast, and the scenario that each one is.
+
+Actions happen on a grid of T/2; deadlines and leases are chosen so that nothing falls due on it.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from nros_conformance.model.world import Id, Occurrence, World
+from nros_conformance.rmw.clock import MS
+from nros_conformance.rmw.events import EventKind, Side
+from nros_conformance.rmw.qos import Liveliness, QosProfile
+
+T = 100 * MS
+TICK = T // 2
+LOOK = 3 * T // 10
+"""So long before the next action the numbers are looked at: each step of time ends 0.2T early, so that one that
+began late delays nothing, and the look is 0.1T before its end."""
+
+DEADLINE_MS, LEASE_MS, DEPTH = 127, 213, 4
+
+PUBLISHERS = {"steady": QosProfile(depth=16), "manual": QosProfile(
+    depth=16, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE_MS)}  # fmt: skip
+SUBSCRIPTIONS = {"first": QosProfile(depth=DEPTH), "second": QosProfile(depth=DEPTH)}
+ENTITIES = (*PUBLISHERS, *SUBSCRIPTIONS)
+
+TIME = ("drive", "idle")
+VERBS: dict[str, tuple[str, ...]] = {
+    "drive": ("",), "idle": ("",), "publish": tuple(PUBLISHERS), "assert": ("manual",), "lose": tuple(PUBLISHERS),
+    "take": tuple(SUBSCRIPTIONS), "destroy": ENTITIES, "create": ENTITIES, "register": tuple(SUBSCRIPTIONS),
+}  # fmt: skip
+"""What can be done, and to whom."""
+
+BY_TIME = (
+    EventKind.REQUESTED_DEADLINE_MISSED, EventKind.LIVELINESS_LOST, EventKind.OFFERED_DEADLINE_MISSED,
+)  # fmt: skip
+"""What happens by itself."""
+
+_PROVES = {
+    EventKind.REQUESTED_DEADLINE_MISSED: "RDM-003",
+    EventKind.OFFERED_DEADLINE_MISSED: "ODM-003",
+    EventKind.LIVELINESS_LOST: "LVL-002",
+    EventKind.MESSAGE_LOST: "MSL-001",
+    EventKind.LIVELINESS_CHANGED: "LVC-009",
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Action:
+    """One action: so many ticks of time, or so many samples; 1 for all others."""
+
+    verb: str
+    subject: str = ""
+    count: int = 1
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Timeline:
+    """Actions one after the other, and the kinds that are registered from the start."""
+
+    actions: tuple[Action, ...]
+    kinds: tuple[EventKind, ...] = tuple(EventKind)
+
+    def sensible(self) -> Timeline:
+        """The same without what cannot be done: using or destroying what is not there, creating what is."""
+        alive, late, kept = set(ENTITIES), set(SUBSCRIPTIONS), []
+        for action in self.actions:
+            verb, subject = action.verb, action.subject
+            if subject and (subject in alive) is (verb == "create"):
+                continue
+            if verb == "register" and subject not in late:
+                continue
+            alive ^= {subject} if verb in ("create", "destroy") else set()
+            late -= {subject} if verb in ("register", "destroy") else set()
+            kept.append(action)
+        return dataclasses.replace(self, actions=tuple(kept))
+
+
+class _Told:
+    """What the model says happens, when and to whom."""
+
+    def __init__(self, kinds: Sequence[EventKind], slack_ns: int) -> None:
+        self.slack_ns = slack_ns
+        self.world = World()
+        self.now = 0
+        self.kinds = kinds
+        self.happened: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
+        self.perhaps: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
+        """What happened, and what did not, so close to an action that a late one may change it."""
+        self.driven = 0
+        """When the last drive ended: what happened since dies undelivered with its entity."""
+        self._ids: dict[str, int] = {}
+        self._names: dict[Id, str] = {}
+        for name in ENTITIES:
+            self.create(name)
+
+    def note(self, found: list[Occurrence] | Iterator[Occurrence]) -> None:
+        for one in found:
+            name = self._names[one.entity]
+            self.happened.append((one.at_ns, name, one.kind, one.change))
+
+    def create(self, name: str) -> None:
+        id_ = len(self._names)
+        self._ids[name], self._names[id_] = id_, name
+        topic = (0, "t", "T")
+        if name in PUBLISHERS:
+            self.note(self.world.create_publisher(id_, topic, "pub", PUBLISHERS[name], self.now))
+            deadline = EventKind.OFFERED_DEADLINE_MISSED
+        else:
+            self.note(self.world.create_subscription(id_, topic, SUBSCRIPTIONS[name], self.now))
+            deadline = EventKind.REQUESTED_DEADLINE_MISSED
+        if deadline in self.kinds:
+            self.world.set_deadline(id_, DEADLINE_MS)
+
+    def do(self, action: Action) -> None:
+        name, id_ = action.subject, self._ids.get(action.subject)
+        if action.verb not in TIME:
+            self.doubt()
+        if action.verb == "destroy":
+            self.perhaps += [one for one in self.happened if one[0] >= self.driven - self.slack_ns and one[1] == name]
+        match action.verb:
+            case "drive" | "idle":
+                self.now += action.count * TICK
+                self.note(self.world.advance(self.now))
+                self.driven = self.now if action.verb == "drive" else self.driven
+            case "publish" | "lose":
+                for _ in range(action.count):
+                    self.note(self.world.publish(id_, b"", self.now, lost=action.verb == "lose"))
+            case "assert":
+                self.note(self.world.assert_liveliness(id_, self.now))
+            case "take":
+                while self.world.take(id_, self.now) is not None:
+                    pass
+            case "destroy" if name in PUBLISHERS:
+                self.note(self.world.destroy_publisher(id_, self.now))
+            case "destroy":
+                self.note(self.world.destroy_subscription(id_, self.now))
+            case "create":
+                self.create(name)
+
+    def ahead(self) -> _Told:
+        """What would happen if nothing was done: a play that is behind has not done it yet."""
+        later = copy.deepcopy(self)
+        later.note(later.world.advance(self.now + self.slack_ns))
+        return later
+
+    def doubt(self) -> None:
+        """An action comes now: what falls due just before or after it may do so just after or before it."""
+        known = set(self.perhaps)
+        near = [one for one in self.ahead().happened if one[0] >= self.now - self.slack_ns and one[2] in BY_TIME]
+        self.perhaps += [one for one in near if one not in known]
+
+    def bounds(self, name: str, kind: EventKind, at: int) -> tuple[int, int]:
+        """The least and the most that a count can be at a moment."""
+        doubted = [one for one in self.perhaps if one[1:3] == (name, kind)]
+        sure = [one for one in self.happened if one[1:3] == (name, kind)]
+        least = sum(one[3][0] for one in sure if one[0] <= at - self.slack_ns and one not in doubted)
+        most = sum(
+            one[3][0] for one in [*sure, *(one for one in doubted if one not in sure)] if one[0] <= at + self.slack_ns
+        )
+        return least, most
+
+    def total(self, name: str, kind: EventKind, until: int, first: int = 0) -> tuple[int, ...]:
+        changes = [
+            change for at, of, what, change in self.happened[first:] if (of, what) == (name, kind) and at <= until
+        ]
+        return tuple(map(sum, zip(*changes, strict=True))) if changes else (0, 0)
+
+
+def scenario(timeline: Timeline, *, slack_ns: int = 0, id_: str = "x.explored") -> dict[str, Any]:
+    """The timeline as a scenario in the suites' notation, with what the model says about it as expectations.
+
+    ``slack_ns``: by how much the play may be behind the timeline. Calls wait for a background drive to end, so
+    it is never 0; nothing adds up, because every step has its time.
+    """
+    told = _Told(timeline.kinds, slack_ns)
+    script: list[Any] = ["settle", {"drive": "0.5T", "as": "go"}]
+    told.do(Action("drive"))
+    looks: list[tuple[_Told, str, int, dict[str, int], set[str]]] = []
+    born = dict.fromkeys(ENTITIES, 0)  # the first occurrence that can concern its present life
+    for index, action in enumerate((*timeline.actions, Action("drive", count=3))):
+        label = f"a{index}"
+        if action.verb == "create":
+            born[action.subject] = len(told.happened)
+        begin = f"go.end + {(told.now - TICK) / T:g}T" if told.now > TICK else "go.end"
+        told.do(action)
+        gone = {one for one in ENTITIES if _gone(timeline.actions[: index + 1], one)}
+        script.append(_step(action, label) | {"at": begin})
+        if action.verb == "drive":
+            looks.append((told.ahead(), label, told.now - LOOK, dict(born), gone))
+    expect = [one for look in looks for one in _expectations(*look, slack_ns)]
+    registered = {side: [kind.label for kind in timeline.kinds if kind.side is side] for side in Side}
+    entities: dict[str, Any] = {}
+    for name in ENTITIES:
+        side = Side.PUBLISHER if name in PUBLISHERS else Side.SUBSCRIPTION
+        qos: dict[str, Any] = {"depth": 16} if name in PUBLISHERS else {"depth": DEPTH}
+        if name == "manual":
+            qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS}ms"}
+        entities[name] = {side.value: "sensor", "qos": qos, "register": registered[side] or "none"}
+        entities[name]["registration_deadline"] = f"{DEADLINE_MS}ms"
+    return {
+        "id": id_, "title": "A timeline that was generated", "scale": {"T": "100ms"},
+        "sessions": {name: {"slice": "5ms"} for name in ("pub", "sub")}, "entities": entities,
+        "script": script, "expect": expect,
+    }  # fmt: skip
+
+
+def _gone(actions: Sequence[Action], name: str) -> bool:
+    last = next(
+        (one.verb for one in reversed(actions) if one.subject == name and one.verb in ("create", "destroy")), ""
+    )
+    return last == "destroy"
+
+
+def _step(action: Action, label: str) -> dict[str, Any]:
+    length, subject = f"{action.count * TICK / T - 0.2:g}T", action.subject
+    match action.verb:
+        case "drive" | "idle":
+            step: dict[str, Any] = {action.verb: length}
+        case "publish":
+            step = {"do": "publish", "by": subject} | ({"times": action.count} if action.count > 1 else {})
+        case "lose":
+            step = {"fault": "lose", "of": subject, "count": action.count}
+        case "assert":
+            step = {"do": "assert", "by": subject}
+        case "take":
+            step = {"do": "take", "from": subject}
+        case "create":
+            step = {"do": "create", "entity": subject}
+        case "register":
+            step = {"do": "register", "of": subject, "kind": "LivelinessChanged"}
+        case _:
+            step = {"do": action.verb, "of": subject}
+    return step | {"as": label}
+
+
+def _expectations(
+    told: _Told, label: str, at: int, born: dict[str, int], gone: set[str], slack_ns: int
+) -> Iterator[dict[str, Any]]:
+    for kind in told.kinds:
+        for name in PUBLISHERS if kind.side is Side.PUBLISHER else SUBSCRIPTIONS:
+            if name in gone or (kind is EventKind.LIVELINESS_LOST and name != "manual"):
+                continue
+            if kind is EventKind.LIVELINESS_CHANGED:
+                numbers = {told.total(name, kind, at + shift, born[name])[0] for shift in (-slack_ns, 0, slack_ns)}
+                if len(numbers) == 1:
+                    yield {
+                        "level": "alive_count", "of": name, "is": numbers.pop(), "by": f"{label}.end - 0.1T",
+                        "proves": _PROVES[kind],
+                    }  # fmt: skip
+                continue
+            least, most = told.bounds(name, kind, at)
+            bounds = {"is": least} if least == most else {"at_least": least, "at_most": most}
+            yield {"total": kind.label, "of": name, "at": f"{label}.end - 0.1T", **bounds, "proves": _PROVES[kind]}

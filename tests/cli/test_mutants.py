@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from nros_conformance.cli.main import main
+from nros_conformance.cli.mutants import told
+from nros_conformance.report.mutation import FILE
+from tests.explore.test_mutation import report, result
+
+LEVELS = {"RDM-001": "must", "RDM-002": "should", "CNT-006": "may"}
+
+
+def test_the_report_tells_killed_ones_survivors_and_what_no_mutant_violates() -> None:
+    text = told(report(result("early", killed_by="rdm.a"), result("worse")), LEVELS)
+    assert text.splitlines() == [
+        "early  RDM-001  -          killed    rdm.a",
+        "worse  RDM-001  -          SURVIVES  3 scenarios played",
+        "",
+        "1 of 2 mutants are killed   1.0 s",
+        "survives  worse: is bad (RDM-001, must)",
+        "no mutant violates RDM-002",
+    ]
+
+
+def test_one_mutant_by_name_is_told_and_not_stored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["mutants", "--mutant", "fires-early", "--results", str(tmp_path)]) == 0
+    assert "1 of 1 mutants are killed" in capsys.readouterr().out
+    assert not (tmp_path / FILE).exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--mutant", "fires-erly"], "nros-conformance: no mutant 'fires-erly'; did you mean 'fires-early'?\n"),
+        (["--backend", "cyclone"], "nros-conformance: the backend 'cyclone' has no mutants\n"),
+    ],
+)
+def test_what_is_not_there(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["mutants", *arguments]) == 4
+    assert capsys.readouterr().err == message

@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from nros_backends.reference import ReferenceBackend
+from nros_conformance.campaign.plans import Row
+from nros_conformance.explore.explore import Deviation, HypothesisMissing, Stand, as_suite, compare, explore
+from nros_conformance.explore.timelines import Action, Timeline, scenario
+from nros_conformance.model.world import Id, Occurrence, World, _Publisher
+from nros_conformance.rmw.backend import Backend
+from nros_conformance.rmw.discovery import find_backend
+from nros_conformance.rmw.events import EventKind
+from nros_conformance.rmw.mutants import find_mutants
+from nros_conformance.suite.loader import Suites, load_suites
+
+
+@functools.cache
+def suites() -> Suites:
+    return load_suites()
+
+
+def stand(adapter: type[Backend] = ReferenceBackend) -> Stand:
+    found = find_backend("reference")
+    assert found.declaration is not None
+    return Stand(Row(found.declaration, found.adapter), adapter, suites())
+
+
+class _Forgets(World):
+    """Two defects that hide each other: the numbers of whoever is lost are forgotten, and the next one synchronises."""
+
+    def _tell(self, id_: Id, publisher: _Publisher, at_ns: int, alive: bool | None) -> list[Occurrence]:
+        if alive is False:
+            self.__dict__.setdefault("forgotten", set()).add(id_)
+        return super()._tell(id_, publisher, at_ns, alive)
+
+    def publish(
+        self, id_: Id, data: bytes, at_ns: int, *, lost: bool = False, deaf: Collection[Id] = ()
+    ) -> list[Occurrence]:
+        forgotten = self.__dict__.get("forgotten", set())
+        if id_ in forgotten and not lost:
+            forgotten.remove(id_)
+            for subscription in self._subscriptions.values():
+                subscription.heard[id_] = self._publishers[id_].sequence
+        return super().publish(id_, data, at_ns, lost=lost, deaf=deaf)
+
+
+class Forgetful(ReferenceBackend):
+    world_type = _Forgets
+
+
+def test_the_reference_does_what_the_model_says() -> None:
+    search = explore(stand(), 40, 7)
+    assert search.found is None
+    assert search.played == 40
+
+
+def test_interacting_defects_are_found_and_shrunk_to_at_most_six_actions(tmp_path: Path) -> None:
+    found = explore(stand(Forgetful), 2000, 1).found
+    assert found is not None
+    assert len(found.timeline.actions) <= 6
+    assert {"lose", "publish"} <= {action.verb for action in found.timeline.actions}
+    assert found.verdict.reason.startswith("MSL-001: ")
+    (tmp_path / "explored.yaml").write_text(as_suite(found), encoding="utf-8")
+    (loaded,) = load_suites(tmp_path).scenarios
+    assert loaded.scenario.id == "x.explored"
+
+
+def test_the_same_seed_finds_the_same() -> None:
+    early = next(one.adapter for one in find_mutants()["reference"] if one.name == "fires-early")
+    first, second = (explore(stand(early), 60, 3) for _ in range(2))
+    assert first.found is not None
+    assert second.found is not None
+    assert (first.played, first.found.timeline) == (second.played, second.found.timeline)
+
+
+def test_what_cannot_be_done_is_left_out() -> None:
+    actions = (
+        Action("create", "first"), Action("destroy", "first"), Action("take", "first"), Action("destroy", "first"),
+        Action("create", "first"), Action("register", "first"), Action("take", "first"),
+    )  # fmt: skip
+    assert [action.verb for action in Timeline(actions).sensible().actions] == ["destroy", "create", "take"]
+
+
+def test_the_expectations_are_what_the_model_says() -> None:
+    raw = scenario(
+        Timeline((Action("publish", "steady"), Action("drive", count=6)), (EventKind.OFFERED_DEADLINE_MISSED,))
+    )
+    totals = [(one["of"], one["at"], one["is"]) for one in raw["expect"]]
+    assert totals == [
+        ("steady", "a1.end - 0.1T", 2), ("manual", "a1.end - 0.1T", 0),
+        ("steady", "a2.end - 0.1T", 3), ("manual", "a2.end - 0.1T", 0),
+    ]  # fmt: skip
+
+
+def test_slack_leaves_open_what_falls_due_close_to_a_look() -> None:
+    silent = Timeline((Action("publish", "steady"), Action("drive", count=3)), (EventKind.OFFERED_DEADLINE_MISSED,))
+    for slack_ms, bounds in ((5, {"is": 0}), (10, {"at_least": 0, "at_most": 1})):  # due at 127 ms, looked at 120 ms
+        (first, *_) = scenario(silent, slack_ns=slack_ms * 1_000_000)["expect"]
+        assert {key: first[key] for key in bounds} == bounds
+
+
+def test_two_backends_are_told_apart_by_requirement() -> None:
+    differences = compare(stand(), stand(Forgetful), 60, 5)
+    assert set(differences) <= {"MSL-001"}
+    assert compare(stand(), stand(), 10, 5) == {}
+
+
+def test_without_hypothesis_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "hypothesis", None)
+    with pytest.raises(HypothesisMissing) as missing:
+        explore(stand(), 1, 1)
+    assert str(missing.value) == 'explore needs hypothesis; install it: pip install "nros-conformance[explore]"'
+
+
+def test_a_scenario_that_was_found_fails_again_when_it_is_loaded(tmp_path: Path) -> None:
+    timeline = Timeline((Action("drive", count=5), Action("lose", "manual"), Action("publish", "manual")))
+    forgetful = stand(Forgetful)
+    verdict = forgetful.play(timeline)
+    assert verdict.verdict == "fail"
+    found = Deviation(timeline, forgetful.compose(timeline), verdict)
+    (tmp_path / "explored.yaml").write_text(as_suite(found), encoding="utf-8")
+    (loaded,) = load_suites(tmp_path).scenarios
+    assert replace(loaded, key="").scenario.script[1].as_ == "go"
