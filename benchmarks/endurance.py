@@ -20,9 +20,9 @@ import msgspec
 
 from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide
+from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.play.player import play
-from nros_conformance.play.worker import load_adapter
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.discovery import find_backend
 from nros_conformance.suite.loader import load_suites

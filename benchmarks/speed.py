@@ -17,8 +17,8 @@ from nros_conformance.campaign.control import find_control
 from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide
 from nros_conformance.judge.judge import judge
+from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.player import play_virtually
-from nros_conformance.play.worker import load_adapter
 from nros_conformance.report.results import read_report
 from nros_conformance.suite.loader import load_suites
 from nros_conformance.trace.files import read_trace

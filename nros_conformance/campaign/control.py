@@ -8,9 +8,9 @@ from pathlib import Path
 from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide
 from nros_conformance.judge.judge import judge
+from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.player import play_virtually
 from nros_conformance.play.pool import Ended, Pool
-from nros_conformance.play.worker import load_adapter
 from nros_conformance.report.results import Control
 from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.rmw.discovery import Found, find_backends

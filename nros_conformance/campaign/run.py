@@ -15,7 +15,9 @@ from nros_conformance import __version__
 from nros_conformance.campaign.host import describe_host
 from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.selection import Selection, decide, proven
+from nros_conformance.formats.places import FormatError
 from nros_conformance.judge.judge import judge
+from nros_conformance.judge.results import Verdict
 from nros_conformance.play.faketime import lacking
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
@@ -37,6 +39,7 @@ from nros_conformance.rmw.events import EventKind
 from nros_conformance.suite.kinds import claims_needed
 from nros_conformance.suite.loader import Loaded, Suites
 from nros_conformance.trace.files import read_trace
+from nros_conformance.trace.records import Trace
 
 AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
@@ -152,8 +155,12 @@ class RowRun:
     def _ended(self, ended: Ended) -> None:
         one = self._to_play[ended.plan.key]
         file = Path(ended.plan.trace)
-        trace = read_trace(file)
-        verdict = judge(trace)
+        try:
+            trace = read_trace(file)
+            verdict = judge(trace)
+        except FormatError as error:  # costs this scenario, not the row
+            trace = Trace(ended.plan.header)
+            verdict = Verdict(verdict="error", reason=str(error))
         attempt = Attempt(
             number=trace.header.attempt,
             T_ns=trace.header.quantities["T"],

@@ -206,8 +206,13 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
         one.watch = watch
     reports: dict[str, Report] = {}
 
+    broken: list[Exception] = []
+
     def play(one: RowRun) -> None:
-        reports[one.row.name] = one.play()
+        try:
+            reports[one.row.name] = one.play()
+        except Exception as error:  # ours; the other rows go on, and what was judged is written
+            broken.append(error)
 
     threads = [threading.Thread(target=play, args=(one,), name=one.row.name, daemon=True) for one in runs]
     interrupted = False
@@ -224,6 +229,8 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
         for thread in threads:
             thread.join(5)
     line.clear()
+    if broken:
+        raise broken[0]
     return [reports.get(one.row.name) or one.report() for one in runs], interrupted
 
 

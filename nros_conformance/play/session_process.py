@@ -14,13 +14,13 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.driver import Command, Driver, describe
 from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, decode_order, encode
 from nros_conformance.play.processes import die_with_parent
 from nros_conformance.play.script import Script
 from nros_conformance.play.stage import Stage
 from nros_conformance.play.starvation import Watch
-from nros_conformance.play.worker import load_adapter
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.suite import schema
 from nros_conformance.suite.loader import typed

@@ -34,19 +34,15 @@ class Watch:
         threading.Thread(target=self._loop, name="starvation", daemon=True).start()
 
     @contextmanager
-    def telling(self, note: Note) -> Iterator[Callable[[], None]]:
-        """Have ``note`` called with each record, meanwhile or until what is yielded here is called."""
-
-        def finish() -> None:
-            with self._lock:
-                self._notes = [one for one in self._notes if one is not note]
-
+    def telling(self, note: Note) -> Iterator[None]:
+        """Have ``note`` called with each record, meanwhile."""
         with self._lock:
             self._notes.append(note)
         try:
-            yield finish
+            yield
         finally:
-            finish()
+            with self._lock:
+                self._notes.remove(note)
 
     def look(self, begin: int) -> Starved | None:
         """The longest wait of one thread since the look at ``begin``; None if it is not worth a word."""

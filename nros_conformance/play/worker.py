@@ -5,10 +5,10 @@ Started by `pool`. It may crash or hang as its backend pleases: the harness look
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import faulthandler
 import gc
-import importlib
 import os
 import queue
 import signal
@@ -20,9 +20,10 @@ from pathlib import Path
 
 import msgspec
 
+from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play
-from nros_conformance.play.starvation import Note, Watch
+from nros_conformance.play.starvation import Watch
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Report, Started, decode_job, encode
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.clock import Clock, MonotonicClock, VirtualClock
@@ -117,13 +118,15 @@ class Worker:
         return end
 
     def _play_watched(self, plan: Plan, adapter: type[Backend], clock: Clock, writer: TraceWriter) -> End:
-        note: Note = writer.write
-        with self._watch.telling(note) as finish:
+        """Play it, and write down what threads have to wait: after the header, before the end."""
+        with contextlib.ExitStack() as watched:
 
             def write(record: Header | AnyRecord) -> None:
                 if isinstance(record, End):
-                    finish()  # nothing follows the end
+                    watched.close()
                 writer.write(record)
+                if isinstance(record, Header):
+                    watched.enter_context(self._watch.telling(writer.write))
 
             return play(plan, adapter, clock, write, self._gate)
 
@@ -131,13 +134,6 @@ class Worker:
         while True:
             self.tell(Beat())
             time.sleep(BEAT_S)
-
-
-def load_adapter(name: str) -> type[Backend]:
-    """The adapter class of ``module:Class``."""
-    module, _, attribute = name.partition(":")
-    found: type[Backend] = getattr(importlib.import_module(module), attribute)
-    return found
 
 
 def main() -> None:

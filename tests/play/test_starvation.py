@@ -47,14 +47,13 @@ def test_who_listens_is_told_until_it_has_finished(monkeypatch: pytest.MonkeyPat
         first.set()
 
     watch.start()
-    with watch.telling(note) as finish:
+    with watch.telling(note):
         assert first.wait(20)
-        finish()
-        count = len(told)
-        other = threading.Event()
-        with watch.telling(lambda record: other.set()):
-            assert other.wait(20)
-        assert len(told) == count
+    count = len(told)
+    other = threading.Event()
+    with watch.telling(lambda record: other.set()):
+        assert other.wait(20)
+    assert len(told) == count
 
 
 def test_sleeping_is_no_waiting() -> None:
