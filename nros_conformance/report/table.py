@@ -117,9 +117,18 @@ def _place(report: Report) -> tuple[bool, str, str]:
 
 def _titles(reports: list[Report]) -> dict[str, str]:
     """By row. Titles that two rows share are told apart by the row's name."""
-    titles = {one.row: one.declaration.title + (f" ({one.variant})" if one.variant else "") for one in reports}
+    titles = {one.row: _title(one) for one in reports}
     counts = Counter(titles.values())
     return {row: title if counts[title] == 1 else f"{title} [{row}]" for row, title in titles.items()}
+
+
+def _title(report: Report) -> str:
+    """Of a variant: with what it calls itself, or its name in brackets."""
+    declaration = report.declaration
+    if not report.variant:
+        return declaration.title
+    says = declaration.variants.get(report.variant, {}).get("title")
+    return f"{declaration.title}, {says}" if says else f"{declaration.title} ({report.variant})"
 
 
 def label(row: Row, number: int) -> str:
