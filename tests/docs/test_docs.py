@@ -8,6 +8,7 @@ import pytest
 
 from nros_conformance.cli.main import _parser
 from nros_conformance.report.handbook import COMMAND, pages
+from nros_conformance.suite import schema
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,3 +48,9 @@ def test_every_command_is_in_the_readme_and_has_one_line_of_help(monkeypatch: py
     commands = [re.fullmatch(r"    (\S+) +(\S.*)", line) for line in block]
     assert all(commands), text
     assert {match[1] for match in commands if match} == {line.split()[0] for line in README_COMMANDS}
+
+
+@pytest.mark.parametrize("what", ["DOINGS", "STEPS", "GIVENS", "EXPECTATIONS"])
+def test_the_page_of_the_suite_format_names_every_construct(what: str) -> None:
+    words = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")))
+    assert not set(getattr(schema, what)) - words
