@@ -123,12 +123,10 @@ def _titles(reports: list[Report]) -> dict[str, str]:
 
 
 def _title(report: Report) -> str:
-    """Of a variant: with what it calls itself, or its name in brackets."""
-    declaration = report.declaration
-    if not report.variant:
-        return declaration.title
-    says = declaration.variants.get(report.variant, {}).get("title")
-    return f"{declaration.title}, {says}" if says else f"{declaration.title} ({report.variant})"
+    """Of a variant with what it calls itself, in brackets: titles stand in lists with commas."""
+    variant, declaration = report.variant, report.declaration
+    says = declaration.variants.get(variant, {}).get("title", variant)
+    return f"{declaration.title} ({says})" if says else declaration.title
 
 
 def label(row: Row, number: int) -> str:

@@ -175,7 +175,7 @@ class Declaration(_Part, frozen=True, kw_only=True):
     """The reference: it belongs to the control line and has no row."""
     planted: list[Planted] = []
     variants: dict[str, dict[str, Any]] = {}
-    """One row each. ``title`` follows that of the backend (``through a router``), ``says`` the subject's;
+    """One row each. ``title`` follows that of the backend in brackets, ``says`` follows the subject's;
     ``default = false``: only if asked for; ``connection = {...}`` replaces fields of that section."""
     events: dict[str, Event] = {}
     connection: Connection = Connection()
