@@ -22,6 +22,7 @@ from nros_conformance.trace.records import (
     Message,
     Registered,
     Spin,
+    Starved,
     State,
     Trace,
 )
@@ -111,6 +112,8 @@ def _rows(record: AnyRecord) -> Iterator[Row]:
             yield Row(record.t, f"session {record.session}", f"{record.state}: {record.reason}")
         case Blind():
             yield Row(record.begin, record.session, f"nothing could be observed for {_ms(record.end - record.begin)}")
+        case Starved():
+            yield Row(record.end, record.session or "host", f"a thread has waited {_ms(record.wait)} for a core")
         case Cycles():
             yield Row(
                 record.begin, record.label, f"{record.times} cycles, until {_ms(record.end - record.begin)} later"

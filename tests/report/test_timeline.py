@@ -24,6 +24,7 @@ from nros_conformance.trace.records import (
     Message,
     Registered,
     Spin,
+    Starved,
     State,
     Trace,
 )
@@ -88,6 +89,8 @@ def event(kind: int, *, inside: bool = True, **status: int) -> Event:
     (Changed(session="s", before="AGENT_CONNECTED", state="WAITING_AGENT", reason="gone", t=5), "session s",
      "WAITING_AGENT: gone"),
     (Blind(session="s", begin=0, end=4 * MS), "s", "nothing could be observed for 4.0 ms"),
+    (Starved(begin=0, end=9, wait=40 * MS), "host", "a thread has waited 40.0 ms for a core"),
+    (Starved(begin=0, end=9, wait=40 * MS, session="far"), "far", "a thread has waited 40.0 ms for a core"),
     (Cycles(label="#3", times=40, begin=0, end=9 * MS), "#3", "40 cycles, until 9.0 ms later"),
     (Measure(label="m", what="cpu", value=2.5e6, begin=0, end=1), "m", "measured cpu: 2.5 ms"),
     (Measure(label="m", what="threads", value=3, begin=0, end=1), "m", "measured threads: 3"),
