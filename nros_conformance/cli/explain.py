@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from pathlib import Path
 
 from nros_conformance.cli.codes import ExitCode
 from nros_conformance.formats.places import nearest
+from nros_conformance.play.peer import LOG
 from nros_conformance.report.explain import explain_cell, explain_requirement, explain_scenario, explain_word
 from nros_conformance.report.picture import svg
 from nros_conformance.report.results import Report, ReportError, ScenarioResult, read_reports
@@ -70,6 +72,9 @@ def _explained(options: argparse.Namespace, suites: Suites, report: Report, resu
     attempt = result.attempts[-1]
     trace = read_trace(options.results / report.row / attempt.trace)
     text = explain_scenario(report, result, attempt, trace, {one.id: one for one in suites.requirements})
+    peer = Path(f"{attempt.trace}.d") / LOG
+    if attempt.verdict.verdict != "pass" and (options.results / report.row / peer).is_file():
+        text += f"\nPeer       {report.row}/{peer.as_posix()}: what the agent, router or broker has printed"
     if options.svg is not None:
         rows = timeline(trace, attempt.verdict.findings)
         title = f"{result.key} on {report.row}: {attempt.verdict.verdict}"

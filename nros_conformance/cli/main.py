@@ -56,9 +56,18 @@ def _fail(text: str, code: ExitCode) -> int:
     return int(code)
 
 
+class _OneLineEach(argparse.HelpFormatter):
+    """Room for the longest name of a command: argparse forgets that commands are indented."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = len("    new-backend")
+
+
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="nros-conformance",
+        formatter_class=_OneLineEach,
         description="Shows what nano-ros middleware backends really do with status events, ping and reconnection.",
         epilog="Exit codes: 0 all musts hold or are known; 1 a must failed, or declaration and behaviour differ; "
         "2 interrupted; 3 internal error; 4 usage, suite or declaration error; 5 a named backend is not available, "
@@ -120,7 +129,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         help="print instead what changed since OLD, a results directory or matrix.md",
     )
 
-    doctor = _command(commands, "doctor", "say what this machine lacks, which evidence that costs, and what brings it")
+    doctor = _command(commands, "doctor", "say what this machine lacks, and which evidence that costs")
     doctor.add_argument(
         "--backend", action="append", default=[], metavar="NAME",
         help="look at this backend alone; exit 5 if it is not available",
@@ -134,7 +143,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     mutants.add_argument("--mutant", action="append", default=[], metavar="NAME", help="only this mutant")
     mutants.add_argument("--json", action="store_true", help="print the report as JSON instead of text")
 
-    explore = _command(commands, "explore", "play generated timelines until a backend departs from the model")
+    explore = _command(commands, "explore", "search generated timelines for departures from the model")
     explore.add_argument("--backend", required=True, metavar="NAME", help="an installed backend, or module:Class")
     explore.add_argument("--against", metavar="NAME", help="play the same on this one and report the differences")
     explore.add_argument("--examples", type=int, default=200, metavar="N", help="timelines to play; default: 200")

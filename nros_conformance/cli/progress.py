@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from typing import TextIO
 
@@ -24,7 +25,7 @@ class ProgressLine:
         self._rows[row] = (done, total, failures)
         now = time.monotonic()
         if self._terminal:
-            text = self._text()
+            text = self._fitting(shutil.get_terminal_size().columns - 1)
             self._stream.write("\r" + text.ljust(self._width))
             self._width = len(text)
             self._stream.flush()
@@ -39,9 +40,21 @@ class ProgressLine:
             self._stream.flush()
             self._width = 0
 
+    def _fitting(self, columns: int) -> str:
+        """What one line of the terminal holds: a longer one would not be renewed but repeated."""
+        rows = self._rows.items()
+        plain = "   ".join(f"{row} {done}/{total}" + _failed(failures) for row, (done, total, failures) in rows)
+        done, total, failures = (sum(column) for column in zip(*self._rows.values(), strict=True))
+        short = f"{len(rows)} rows {done}/{total}" + _failed(failures)
+        return next((text for text in (self._text(), plain) if len(text) <= columns), short[:columns])
+
     def _text(self) -> str:
         parts = []
         for row, (done, total, failures) in self._rows.items():
             bar = "=" * (20 * done // total) + ("" if done == total else ">")
-            parts.append(f"{row} [{bar:.<20}] {done}/{total}" + (f"  {failures} FAIL" if failures else ""))
+            parts.append(f"{row} [{bar:.<20}] {done}/{total}" + _failed(failures))
         return "   ".join(parts)
+
+
+def _failed(failures: int) -> str:
+    return f"  {failures} FAIL" if failures else ""

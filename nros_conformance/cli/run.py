@@ -81,12 +81,10 @@ def run(options: argparse.Namespace) -> ExitCode:
             )
             for row in rows
         ]  # fmt: skip
+        width = max(len(row.name) for row in rows)
         for one in runs:
-            say(
-                terminal.row_line(
-                    one.row.name, one.row.declaration, one.row.versions, one.row.virtual, one.total, len(chosen)
-                )
-            )
+            row = one.row
+            say(terminal.row_line(row.name, row.declaration, row.versions, row.virtual, one.total, len(chosen), width))
         reports, interrupted = _play(runs, suites, say)
     if interrupted:
         codes.append(ExitCode.INTERRUPTED)

@@ -176,6 +176,8 @@ def speaks_for(report: Report) -> str:
     """What a row is a statement about, what it is held to, and what it is not about."""
     about = report.declaration.subject
     texts = [sentence(prose(about.says))]
+    if says := report.declaration.variants.get(report.variant, {}).get("says"):
+        texts.append(sentence(prose(says)))
     if about.held_to:
         texts.append(sentence(f"Held to {'; '.join(prose(one.what) for one in about.held_to)}"))
     if about.not_:

@@ -51,10 +51,10 @@ def assign(rows: Sequence[tuple[Report, Mapping[str, Evidence]]]) -> tuple[dict[
     for backend in dict.fromkeys(report.backend for report, _ in rows):
         members = [(report, found) for report, found in rows if report.backend == backend]
         texts: dict[str, list[str]] = {}
-        absences: dict[str, tuple[str, ...]] = {}
         names = _Names(backend, taken)
-        for column, key, text in _absences(members[0][0].declaration):
-            absences[column] = (names.of(key),)
+        absences: dict[str, dict[str, tuple[str, ...]]] = {report.row: {} for report, _ in members}
+        for row, column, key, text in _absences([report for report, _ in members]):
+            absences[row][column] = (names.of(key),)
             texts.setdefault(names.of(key), []).append(text)
         for key, text in _known(members):
             texts.setdefault(names.of(key), []).insert(0, text)
@@ -70,7 +70,7 @@ def assign(rows: Sequence[tuple[Report, Mapping[str, Evidence]]]) -> tuple[dict[
                     surprises.append(Note(key=own[-1], texts=(_surprise(one),)))
                 if own:
                     violations[requirement] = tuple(own)
-            keys[report.row] = Keys(absences=absences, violations=violations)
+            keys[report.row] = Keys(absences=absences[report.row], violations=violations)
         ordered = sorted(texts.items(), key=lambda item: natural(item[0]))
         notes += [Note(key=key, texts=tuple(dict.fromkeys(lines))) for key, lines in ordered]
         notes += surprises
@@ -92,19 +92,21 @@ class _Names:
         return f"{self._backend}:{key}" if key in self._taken else key
 
 
-def _absences(declaration: Declaration) -> Iterable[tuple[str, str, str]]:
-    """(column, key, text) of all that is not claimed in full; in order of the columns."""
-    explicit = {*declaration.notes.values(), *(known.key for known in declaration.known)}
-    letter = next((character for character in declaration.name if character.isalnum()), "N").upper()
+def _absences(reports: Sequence[Report]) -> Iterable[tuple[str, str, str, str]]:
+    """(row, column, key, text) of all that the rows of a backend do not claim in full; in order of the columns."""
+    first = reports[0].declaration
+    explicit = {*first.notes.values(), *(known.key for one in reports for known in one.declaration.known)}
+    letter = next((character for character in first.name if character.isalnum()), "N").upper()
     derived: dict[str, str] = {}
     number = 0
-    for column, text in _subjects(declaration):
-        key = declaration.notes.get(column) or derived.get(text)
-        while key is None:
-            number += 1
-            if f"{letter}{number}" not in explicit:
-                key = derived[text] = f"{letter}{number}"
-        yield column, key, text
+    for report in reports:
+        for column, text in _subjects(report.declaration):
+            key = report.declaration.notes.get(column) or derived.get(text)
+            while key is None:
+                number += 1
+                if f"{letter}{number}" not in explicit:
+                    key = derived[text] = f"{letter}{number}"
+            yield report.row, column, key, text
 
 
 def _subjects(declaration: Declaration) -> Iterable[tuple[str, str]]:

@@ -117,9 +117,16 @@ def _place(report: Report) -> tuple[bool, str, str]:
 
 def _titles(reports: list[Report]) -> dict[str, str]:
     """By row. Titles that two rows share are told apart by the row's name."""
-    titles = {one.row: one.declaration.title + (f" ({one.variant})" if one.variant else "") for one in reports}
+    titles = {one.row: _title(one) for one in reports}
     counts = Counter(titles.values())
     return {row: title if counts[title] == 1 else f"{title} [{row}]" for row, title in titles.items()}
+
+
+def _title(report: Report) -> str:
+    """Of a variant with what it calls itself, in brackets: titles stand in lists with commas."""
+    variant, declaration = report.variant, report.declaration
+    says = declaration.variants.get(variant, {}).get("title", variant)
+    return f"{declaration.title} ({says})" if says else declaration.title
 
 
 def label(row: Row, number: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
@@ -22,6 +22,13 @@ _HEADS = {
     "OfferedDeadlineMissed": ("Offered", "deadline"), "base": ("Base", "rules"), "ping": ("Ping", ""),
     "reconnect": ("Recon-", "nect"), "hard_liveliness": ("Hard", "liv."), "pat.deadline-alarm": ("100 Hz,", "15 ms"),
 }  # fmt: skip
+
+
+_NAME = 8
+"""Characters of a row's name at least: those of the words that stand before other lines."""
+
+_SHOWN = 2
+"""Scenarios that are named when many were not played for one reason."""
 
 
 class _Suites(Protocol):
@@ -47,19 +54,20 @@ def opening(version: str, suites: _Suites, selection: _Selection, chosen: int) -
 
 
 def row_line(
-    row: str, declaration: Declaration, versions: Mapping[str, str], virtual: bool, apply: int, chosen: int
-) -> str:
-    """What is about to be played, and how much of it applies."""
+    row: str, declaration: Declaration, versions: Mapping[str, str], virtual: bool, apply: int, chosen: int,
+    width: int = _NAME,
+) -> str:  # fmt: skip
+    """What is about to be played, and how much of it applies. ``width``: characters of the longest name."""
     tested = ", ".join(f"{name} {version}" for name, version in versions.items())
     clock = "virtual clock" if virtual else "real clock"
     parts = ", ".join(part for part in (tested, declaration.subject.kind, clock) if part)
-    return f"{row:<8} {parts:<58} {apply} apply, {chosen - apply} do not"
+    return f"{row:<{max(width, _NAME)}} {parts:<58} {apply} apply, {chosen - apply} do not"
 
 
 def closing(reports: Sequence[Report], levels: Mapping[str, str], results: Path, selection: _Selection) -> str:
     """Everything after the last scenario."""
     available = [report for report in reports if report.available]
-    lines = ["", *_counts(available)]
+    lines = ["", *_counts(available)] if available else []
     if any(not report.declaration.control for report in available):  # the control has no cells
         lines += ["", *_cells(available, levels)]
     lines.append("")
@@ -94,17 +102,21 @@ def meaning(code: int, reports: Sequence[Report]) -> str:
 
 
 def _counts(reports: Sequence[Report]) -> list[str]:
-    lines = [
-        f"{'':<10}{'scenarios':>9}{'pass':>7}{'warn':>6}{'known':>7}{'FAIL':>6}{'unclear':>9}{'none':>6}{'time':>10}"
-    ]
+    name = _name(report.row for report in reports)
+    lines = [f"{'':<{name}}scenarios   pass  warn  known  FAIL  unclear  none      time"]
     for report in reports:
         played = [result for result in report.results if result.attempts]
         counts = Counter(_word(result) for result in played)
         lines.append(
-            f"{report.row:<10}{len(played):>9}{counts['pass']:>7}{counts['warn']:>6}{counts['known']:>7}"
+            f"{report.row:<{name}}{len(played):>9}{counts['pass']:>7}{counts['warn']:>6}{counts['known']:>7}"
             f"{counts['fail']:>6}{counts['inconclusive']:>9}{counts['none']:>6}{report.seconds:>8.1f} s"
         )
     return lines
+
+
+def _name(names: Iterable[str]) -> int:
+    """The width of a column of names, with the gap behind it."""
+    return max([_NAME, *map(len, names)]) + 2
 
 
 def _word(result: ScenarioResult) -> str:
@@ -122,15 +134,14 @@ def _cells(reports: Sequence[Report], levels: Mapping[str, str]) -> list[str]:
 
 
 def _grid(rows: Sequence[Row], columns: Sequence[Column]) -> list[str]:
+    name = _name(row.name for row in rows)
     widths = [max(11, *(len(row.cell(column.id).text) + 2 for row in rows), *_widths(column)) for column in columns]
-    lines = []
-    for line in (0, 1):
-        texts = (f"{_head(column)[line]:<{width}}" for column, width in zip(columns, widths, strict=True))
-        lines.append(f"{'':<10}{''.join(texts)}".rstrip())
-    for row in rows:
-        texts = (f"{row.cell(column.id).text:<{width}}" for column, width in zip(columns, widths, strict=True))
-        lines.append(f"{row.name:<10}{''.join(texts)}".rstrip())
-    return lines
+    grid = [("", [_head(column)[line] for column in columns]) for line in (0, 1)]
+    grid += [(row.name, [row.cell(column.id).text for column in columns]) for row in rows]
+    return [
+        f"{first:<{name}}{''.join(f'{text:<{width}}' for text, width in zip(texts, widths, strict=True))}".rstrip()
+        for first, texts in grid
+    ]
 
 
 def _head(column: Column) -> tuple[str, str]:
@@ -140,7 +151,7 @@ def _head(column: Column) -> tuple[str, str]:
 
 
 def _widths(column: Column) -> Iterator[int]:
-    return (len(text) + 1 for text in _head(column))
+    return (len(text) + 2 for text in _head(column))
 
 
 def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
@@ -158,8 +169,7 @@ def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
             lines += [
                 f"warn     {report.row} {result.key}: {text}" for text in (result.last.warnings if result.last else ())
             ]
-        elif result.status == "untested":
-            lines.append(f"untested {report.row} {result.key}: {result.reason}")
+    lines += _untested(report)
     lines += [f"differs  {difference.text}" for difference in report.differences]
     for incident in report.incidents:
         again = "" if incident.reproduced else "; not reproduced when each was played alone"
@@ -169,8 +179,22 @@ def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
     unexercised = [one.requirement for one in evidence(report, levels).values() if one.applies and not one.exercised]
     musts = [id_ for id_ in unexercised if levels[id_] == "must"]
     if musts:
-        lines.append(f"gaps     {report.row}: {len(musts)} musts that apply were not exercised: {_shorten(musts)}")
+        number = "1 must that applies was" if len(musts) == 1 else f"{len(musts)} musts that apply were"
+        lines.append(f"gaps     {report.row}: {number} not exercised: {_shorten(musts)}")
     return lines
+
+
+def _untested(report: Report) -> Iterator[str]:
+    """One line per reason; each scenario with its reason stands in the report, and `explain` shows it."""
+    reasons: dict[str, list[str]] = {}
+    for result in report.results:
+        if result.status == "untested":
+            reasons.setdefault(result.reason, []).append(result.id)
+    for reason, ids in reasons.items():
+        number = "1 scenario" if len(ids) == 1 else f"{len(ids)} scenarios"
+        names = list(dict.fromkeys(ids))
+        shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+        yield f"untested {report.row}: {number}, {reason} ({shown})"
 
 
 def _shorten(ids: Sequence[str]) -> str:

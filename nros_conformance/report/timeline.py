@@ -13,13 +13,16 @@ from nros_conformance.trace.records import (
     AnyRecord,
     Blind,
     Changed,
+    Cycles,
     End,
     Event,
     FaultRecord,
     Matched,
+    Measure,
     Message,
     Registered,
     Spin,
+    Starved,
     State,
     Trace,
 )
@@ -109,6 +112,15 @@ def _rows(record: AnyRecord) -> Iterator[Row]:
             yield Row(record.t, f"session {record.session}", f"{record.state}: {record.reason}")
         case Blind():
             yield Row(record.begin, record.session, f"nothing could be observed for {_ms(record.end - record.begin)}")
+        case Starved():
+            yield Row(record.end, record.session or "host", f"a thread has waited {_ms(record.wait)} for a core")
+        case Cycles():
+            yield Row(
+                record.begin, record.label, f"{record.times} cycles, until {_ms(record.end - record.begin)} later"
+            )
+        case Measure():
+            value = _ms(int(record.value)) if record.what == "cpu" else f"{record.value:g}"
+            yield Row(record.end, record.label, f"measured {record.what}: {value}")
         case End():
             yield Row(record.t, "end", record.detail or record.outcome)
         case Spin(calls=calls) if record.code:

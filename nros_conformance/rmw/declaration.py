@@ -175,7 +175,8 @@ class Declaration(_Part, frozen=True, kw_only=True):
     """The reference: it belongs to the control line and has no row."""
     planted: list[Planted] = []
     variants: dict[str, dict[str, Any]] = {}
-    """One row each. ``default = false``: only if asked for; ``connection = {...}`` replaces fields of that section."""
+    """One row each. ``title`` follows that of the backend in brackets, ``says`` follows the subject's;
+    ``default = false``: only if asked for; ``connection = {...}`` replaces fields of that section."""
     events: dict[str, Event] = {}
     connection: Connection = Connection()
     bounds: Bounds = Bounds()
@@ -274,6 +275,9 @@ def _check(document: Document, declaration: Declaration) -> None:
             raise document.error(here, f'{label}: claim = "limited" without a limit', "add limit = { ... }")
     places: dict[str, Path_] = {"": ("connection",)}
     for variant, facts in declaration.variants.items():
+        for name in ("title", "says"):
+            if not isinstance(facts.get(name, ""), str):
+                raise document.error(("variants", variant, name), f"{name}: {facts[name]!r} is not text")
         if "connection" in facts:
             document.read(Connection, path=("variants", variant, "connection"))
             places[variant] = ("variants", variant, "connection")

@@ -188,6 +188,27 @@ def test_explain_shows_requirement_script_timeline_and_judgement(
         assert part in out
 
 
+def test_explain_names_the_log_of_the_peer_of_a_play_that_did_not_pass(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = read_report(results / "uorb")
+    (one,) = (each for each in report.results if each.key == "reg.raises-message-lost")
+    trace = one.attempts[-1].trace
+    log = results / "uorb" / f"{trace}.d" / "peer.log"
+    log.parent.mkdir(exist_ok=True)
+    log.write_text("no route", encoding="utf-8")
+    subject = ["explain", "uorb", one.key, "--results", str(results)]
+    assert main(subject) == 0
+    assert "peer.log" not in capsys.readouterr().out
+    verdict = msgspec.structs.replace(one.attempts[-1].verdict, verdict="fail")
+    failed = msgspec.structs.replace(one, attempts=(msgspec.structs.replace(one.attempts[-1], verdict=verdict),))
+    write_report(results, msgspec.structs.replace(report, results=(failed,)))
+    assert main(subject) == 0
+    assert capsys.readouterr().out.endswith(
+        f"\nTrace      uorb/{trace}\nPeer       uorb/{trace}.d/peer.log: what the agent, router or broker has printed\n"
+    )
+
+
 @pytest.mark.parametrize(("subject", "start"), [
     ("uorb/MessageLost", "untested (no_evidence)   uORB, Message lost\n"),
     ("uorb/LivelinessChanged", "no (refused)   uORB, Liveliness changed\n"),

@@ -75,4 +75,4 @@ def test_the_agent_of_the_xrce_backend_is_a_command(capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit) as caught:
         main(["xrce-agent", "--help"])
     assert caught.value.code == 0
-    assert "Run an XRCE agent on UDP, for this project's clients or any other." in capsys.readouterr().out
+    assert "Run an XRCE agent on UDP, for our clients or any other." in capsys.readouterr().out

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 
+from nros_conformance.cli.main import _parser
 from nros_conformance.report.handbook import COMMAND, pages
+from nros_conformance.suite import schema
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,3 +30,27 @@ def test_ci_runs_the_very_test_command_of_the_readme() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     (line,) = re.findall(r"^    (python3 -m venv .*tox -e tests)", readme, re.MULTILINE)
     assert line in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+
+
+README_COMMANDS = re.findall(r"`nros-conformance ([^`]+)`", (ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("line", sorted(set(README_COMMANDS)))
+def test_a_command_of_the_readme_can_be_given(line: str) -> None:
+    words = shlex.split(line)
+    assert _parser(words).parse_args(words).command == words[0]
+
+
+def test_every_command_is_in_the_readme_and_has_one_line_of_help(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    text = _parser([]).format_help()
+    block = text[text.index("  COMMAND\n") : text.index("\n\noptions:")].splitlines()[1:]
+    commands = [re.fullmatch(r"    (\S+) +(\S.*)", line) for line in block]
+    assert all(commands), text
+    assert {match[1] for match in commands if match} == {line.split()[0] for line in README_COMMANDS}
+
+
+@pytest.mark.parametrize("what", ["DOINGS", "STEPS", "GIVENS", "EXPECTATIONS"])
+def test_the_page_of_the_suite_format_names_every_construct(what: str) -> None:
+    words = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")))
+    assert not set(getattr(schema, what)) - words

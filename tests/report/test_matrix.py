@@ -112,6 +112,13 @@ def test_third_parties_follow_the_built_in_rows_by_name_and_variants_stand_toget
     ]  # fmt: skip
 
 
+def test_a_variant_is_called_as_it_calls_itself_and_says_what_it_speaks_for() -> None:
+    declaration = declare(variants={"router": {"title": "through a router", "says": "Sessions are clients"}})
+    text = render([report(declaration, variant="router")], REQUIREMENTS)
+    assert "| **Demo (through a router)**, library |" in text
+    assert "- **Demo (through a router)**, 0 of 5 events: the Demo library on loopback. Sessions are clients." in text
+
+
 def test_rows_with_one_title_are_told_apart() -> None:
     text = render([report(declare("a", title="MQTT")), report(declare("b", title="MQTT"))], REQUIREMENTS)
     assert "| **MQTT [a]**, library |" in text

@@ -101,6 +101,19 @@ def test_variants_of_one_backend_share_their_notes() -> None:
     }
 
 
+def test_a_variant_has_notes_of_its_own_where_it_declares_something_else() -> None:
+    never = {"ping": "no", "absent": "never", "because": "nobody to ask"}
+    asks = {"ping": "round_trip", "peer": "router", "reconnect": "limited", "because": "slowly"}
+    declaration = declare(connection=asks, variants={"peer": {"connection": {**never, "peer": "none"}}, "router": {}})
+    reports = [report(declaration.in_variant(name), variant=name) for name in ("peer", "router")]
+    found, texts = assign([(one, evidence(one, REQUIREMENTS)) for one in reports])
+    assert found["demo-peer"].absences == {"ping": ("D1",)}
+    assert found["demo-router"].absences == {"reconnect": ("D2",)}
+    assert [(note.key, *note.texts) for note in texts] == [
+        ("D1", "**never**: nobody to ask."), ("D2", "**limit**: slowly."),
+    ]  # fmt: skip
+
+
 def test_entries_with_one_key_make_one_note() -> None:
     entries = [
         known("LVC-004", "lvc.leaves", versions=">=1.5,<2"),

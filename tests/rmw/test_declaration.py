@@ -167,3 +167,9 @@ def test_what_a_variant_says_is_checked_at_its_line(facts: str, message: str) ->
     with pytest.raises(FormatError) as error:
         load_declaration(Path("b.toml"), f"{GOOD}\n[variants.x]\nconnection = {facts}\n")
     assert str(error.value) == message
+
+
+def test_the_title_of_a_variant_is_text() -> None:
+    with pytest.raises(FormatError) as error:
+        load_declaration(Path("b.toml"), f"{GOOD}\n[variants.x]\ntitle = 3\n")
+    assert str(error.value) == "b.toml:36: title: 3 is not text"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from nros_backends.xrce.agent.core import EntityInfo
 
-HELP = "run an XRCE agent on UDP, for this project's clients or any other"
+HELP = "run an XRCE agent on UDP, for our clients or any other"
 UNUSABLE = 4
 """Exit code where the command line asks for what cannot be had: that of the whole command."""
 
