@@ -11,7 +11,16 @@ import pytest
 from nros_conformance.campaign.plans import Row
 from nros_conformance.explore import mutation
 from nros_conformance.explore.mutation import exposed, play_defective, run_mutants, try_mutant
-from nros_conformance.report.mutation import MutantResult, MutationReport, scores, stored_scores, write_mutation
+from nros_conformance.report.mutation import (
+    FILE,
+    MutantResult,
+    MutationReport,
+    read_mutation,
+    scores,
+    stored_scores,
+    write_mutation,
+)
+from nros_conformance.report.results import ReportError
 from nros_conformance.rmw.discovery import find_backend
 from nros_conformance.rmw.mutants import Mutant, find_mutants
 from nros_conformance.suite.loader import Suites, load_suites
@@ -116,7 +125,28 @@ def test_the_score_is_kept_for_the_very_suites_only(tmp_path: Path) -> None:
     stored = report(result("a", killed_by="x"), result("b"), result("c", "LVC-001", "y"))
     write_mutation(tmp_path, stored)
     assert scores(stored) == {"RDM": (1, 2), "LVC": (1, 1)}
-    assert stored_scores(tmp_path, "sha256:1") == scores(stored)
-    assert stored_scores(tmp_path, "sha256:2") == {}
-    assert stored_scores(tmp_path / "none", "sha256:1") == {}
+    assert stored_scores(tmp_path, "sha256:1") == (scores(stored), "")
+    assert stored_scores(tmp_path, "sha256:2") == (
+        {}, f"{tmp_path / FILE}: its mutants were played on other suites; run again: nros-conformance mutants"
+    )  # fmt: skip
+    assert stored_scores(tmp_path / "none", "sha256:1") == ({}, "")
     assert list(stored.unexercised({"RDM-001": "must", "RDM-002": "should", "CNT-006": "may"})) == ["RDM-002"]
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ('{"format": 1}', "damaged: Object missing required field `digest`"),
+        ("[", "damaged: Input data was truncated"),
+        (
+            '{"format": 2, "digest": "", "backend": "", "mutants": [], "seconds": 1}',
+            "format 2; this nros-conformance reads format 1: run again: nros-conformance mutants",
+        ),
+    ],
+)
+def test_a_stored_run_that_cannot_be_read_is_named(text: str, wrong: str, tmp_path: Path) -> None:
+    (tmp_path / FILE).write_text(text, encoding="utf-8")
+    with pytest.raises(ReportError) as caught:
+        read_mutation(tmp_path)
+    remedy = "" if wrong.startswith("format") else "; run again: nros-conformance mutants"
+    assert str(caught.value) == f"{tmp_path / FILE}: {wrong}{remedy}"
