@@ -42,7 +42,7 @@ AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
-TOGETHER, AT_LEAST = 36, 6
+TOGETHER, AT_LEAST = 24, 4
 """All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
 
 

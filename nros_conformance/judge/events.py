@@ -123,8 +123,13 @@ class _Periodic:
         first = max((begin for begin in born if begin <= self.since.hi), default=-INF)
         acts = [act for act in self.index.publishes_to(self.entity) if first <= act.end <= self.since.hi]
         gaps = (late.end - soon.begin + self.index.early for soon, late in itertools.pairwise(acts))
-        told = sum(seen.change for seen in self.index.events_of(self.entity, self.kind) if seen.when.hi < self.since.lo)
-        return max(0, sum(gap // self.period for gap in gaps) - told)
+        events = self.index.events_of(self.entity, self.kind)
+        told = sum(seen.change for seen in events if seen.when.hi < self.since.lo)
+        # Told they were before the first period since was over, or together with the first miss that it brought.
+        over = self.since.lo + self.period - self.index.early
+        before = sum(seen.change for seen in events if self.since.lo <= seen.when.hi < over)
+        with_first = next((seen.change - 1 for seen in events if seen.when.hi >= over), 0)
+        return max(0, min(sum(gap // self.period for gap in gaps) - told, before + with_first))
 
     def judge(self) -> Judged:
         judged = self._judge()

@@ -181,7 +181,7 @@ class _Allocates(ReferenceSession):
         super().receive(packet)
         if len(packet) >= 19 and packet.startswith(MAGIC):
             declared = int.from_bytes(packet[15:19], "little")
-            self.__dict__.setdefault("kept", []).append(bytearray(b"\1") * min(declared, 2**18))
+            self.__dict__.setdefault("kept", []).append(bytearray(b"\1") * min(declared, 2**20))
 
 
 class _CountsForeign(ReferenceSession):
