@@ -137,7 +137,7 @@ def test_the_score_is_kept_for_the_very_suites_only(tmp_path: Path) -> None:
     ("text", "wrong"),
     [
         ('{"format": 1}', "damaged: Object missing required field `digest`"),
-        ("[", "damaged: Input data was truncated"),
+        ("{", "damaged: Input data was truncated"),
         (
             '{"format": 2, "digest": "", "backend": "", "mutants": [], "seconds": 1}',
             "format 2; this nros-conformance reads format 1: run again: nros-conformance mutants",
