@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from nros_conformance.judge import callbacks, calls, cycles, data, events, givens, levels
-from nros_conformance.judge.findings import Judged
+from nros_conformance.judge.findings import Judged, milliseconds
 from nros_conformance.judge.index import Index
 from nros_conformance.judge.intervals import worst
 from nros_conformance.judge.moments import NoSuchMoment
@@ -55,12 +55,31 @@ def name_of(part: schema.Base) -> str:
     return JUDGES[type(part)][0](part)
 
 
+TIMED = (
+    schema.Never, schema.Periodic, schema.Total, schema.Level, schema.Inside, schema.Callback, schema.Callbacks,
+    schema.Takes, schema.Received,
+)  # fmt: skip
+"""What a host that runs the backend's own threads late can violate."""
+
+
 def judge_part(index: Index, part: schema.Base) -> Judged:
     """An expectation or condition; ``none`` when one of its moments did not occur in a whole trace."""
     try:
-        return JUDGES[type(part)][1](index, part)
+        judged = JUDGES[type(part)][1](index, part)
     except NoSuchMoment as missing:
         return Judged("none", got=str(missing))
+    return _unless_starved(index, judged) if isinstance(part, TIMED) else judged
+
+
+def _unless_starved(index: Index, judged: Judged) -> Judged:
+    """Unclear instead of failed, when threads of the backend had no core for longer than what is judged exactly."""
+    if judged.outcome != "fail" or judged.at is None:
+        return judged
+    waited = index.starvation(judged.at - index.quantities["T"] - index.late, judged.at)
+    if waited <= index.early:
+        return judged
+    why = f"threads of the backend had to wait {milliseconds(waited)} for a core meanwhile"
+    return judged._replace(outcome="unclear", got=f"{judged.got}; {why}")
 
 
 def _any_of(index: Index, expected: schema.AnyOf) -> Judged:

@@ -20,6 +20,7 @@ from nros_conformance.trace.records import (
     Message,
     Registered,
     Spin,
+    Starved,
     State,
     Trace,
 )
@@ -73,6 +74,7 @@ class Index:
         self.matched: list[Matched] = []
         self.blinds: list[Blind] = []
         self.measures: list[Measure] = []
+        self.starved: list[Starved] = []
         self.cycles: dict[str, Cycles] = {}
         self.calls: dict[str, Placed[Act]] = {}
         self.by_kind: dict[tuple[str, int], list[Seen]] = {}
@@ -134,6 +136,8 @@ class Index:
                     self.cycles[record.label] = record
                 case Measure():
                     self.measures.append(record)
+                case Starved():
+                    self.starved.append(record)
         for acts in self.acts.values():
             if len(acts) > 1:
                 acts.sort(key=lambda placed: placed[1].index)
@@ -236,6 +240,10 @@ class Index:
             if act.begin <= spin.end <= act.end and (spin.begin >= act.begin or spin.end > act.begin)
         ]
         return events, messages, spins
+
+    def starvation(self, since: int, until: int) -> int:
+        """How long threads of the backend waited for a core at most, in the intervals that touch this window, ns."""
+        return sum(one.wait for one in self.starved if one.begin <= until and one.end >= since)
 
     def blind(self, session: str, since: int = -INF, until: int = INF) -> bool:
         """Whether something on a session may have gone unseen between two moments."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import os
 import select
@@ -11,16 +12,19 @@ import time
 from multiprocessing.connection import Connection
 from typing import Any
 
+from msgspec.structs import replace
+
 from nros_conformance.play.driver import Command, Driver, describe
 from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, decode_order, encode
 from nros_conformance.play.processes import die_with_parent
 from nros_conformance.play.script import Script
 from nros_conformance.play.stage import Stage
+from nros_conformance.play.starvation import Watch
 from nros_conformance.play.worker import load_adapter
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.suite import schema
 from nros_conformance.suite.loader import typed
-from nros_conformance.trace.records import AnyRecord
+from nros_conformance.trace.records import AnyRecord, Starved
 
 
 class _Line:
@@ -65,6 +69,10 @@ class Host:
         self._session = cast.session
         self._driver = self.stage.drivers[cast.session]
 
+    def starved(self, record: Starved) -> None:
+        """Hand over what the threads of this process had to wait."""
+        self._line.record(replace(record, session=self._session))
+
     def carry_out(self, order: Order) -> None:
         """Have it done on the session's thread, and answered."""
         driver, stage = self._driver, self.stage
@@ -106,6 +114,8 @@ def serve(connection: Connection) -> None:
     faulthandler.enable()
     sys.setswitchinterval(1.0)  # as in `worker`, and why
     line = _Line(connection)
+    watch, watching = Watch(), contextlib.ExitStack()
+    watch.start()
     host: Host | None = None
     while True:
         try:
@@ -116,6 +126,7 @@ def serve(connection: Connection) -> None:
             message = decode_order(data)
             if isinstance(message, Cast):
                 host = Host(message, line)
+                watching.enter_context(watch.telling(host.starved))
             elif message.what == "end":
                 break
             elif host is not None:

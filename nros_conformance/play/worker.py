@@ -22,11 +22,12 @@ import msgspec
 
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play
+from nros_conformance.play.starvation import Note, Watch
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Report, Started, decode_job, encode
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.clock import Clock, MonotonicClock, VirtualClock
 from nros_conformance.trace.files import TraceWriter
-from nros_conformance.trace.records import End
+from nros_conformance.trace.records import AnyRecord, End, Header
 
 BEAT_S = 0.5
 """How often the worker shows that its interpreter runs."""
@@ -46,6 +47,7 @@ class Worker:
         self._lock = threading.Lock()
         self._hung = False
         self._gate = threading.Semaphore(SETUPS)
+        self._watch = Watch()
 
     def run(self, job: Job) -> None:
         """Play all plans; tells the harness about each."""
@@ -75,6 +77,7 @@ class Worker:
         return self._hung
 
     def _play_together(self, job: Job, adapter: type[Backend]) -> None:
+        self._watch.start()
         if job.concurrency > 1:
             # A full collection holds the GIL, for 0.1 to 0.7 s once 80,000 objects of ended plays have gathered,
             # and every session of the process stands still: a lease of 390 ms ran out. What 400 plays leave is 35 MB.
@@ -108,10 +111,21 @@ class Worker:
             if isinstance(clock, VirtualClock):
                 end = clock.run(lambda: play(plan, adapter, clock, writer.write))
             else:
-                end = play(plan, adapter, clock, writer.write, self._gate)
+                end = self._play_watched(plan, adapter, clock, writer)
         self._hung |= end.outcome == "hang"
         self.tell(Finished(plan.key, end.outcome, time.monotonic() - begin))
         return end
+
+    def _play_watched(self, plan: Plan, adapter: type[Backend], clock: Clock, writer: TraceWriter) -> End:
+        note: Note = writer.write
+        with self._watch.telling(note) as finish:
+
+            def write(record: Header | AnyRecord) -> None:
+                if isinstance(record, End):
+                    finish()  # nothing follows the end
+                writer.write(record)
+
+            return play(plan, adapter, clock, write, self._gate)
 
     def _beat(self) -> None:
         while True:

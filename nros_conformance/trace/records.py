@@ -227,6 +227,20 @@ class Cycles(Record, frozen=True, kw_only=True, tag="cycles"):
     end: int
 
 
+class Starved(Record, frozen=True, kw_only=True, tag="starved"):
+    """Between these moments a thread of the process that plays was runnable but not running for ``wait`` ns.
+
+    Any thread, the middleware's own among them, and the one that waited longest. A backend that holds the
+    interpreter, sleeps or computes does not make its threads wait for a core.
+    """
+
+    begin: int
+    end: int
+    wait: int
+    session: str = ""
+    """The session that this process hosts alone; empty: all that have none of their own."""
+
+
 class Measure(Record, frozen=True, kw_only=True, tag="measure"):
     """A measured quantity of a process, or of the peer."""
 
@@ -249,7 +263,20 @@ class End(Record, frozen=True, kw_only=True, tag="end"):
 
 
 AnyRecord: TypeAlias = (
-    Act | Spin | Event | Message | Matched | Registered | State | FaultRecord | Changed | Blind | Cycles | Measure | End
+    Act
+    | Spin
+    | Event
+    | Message
+    | Matched
+    | Registered
+    | State
+    | FaultRecord
+    | Changed
+    | Blind
+    | Cycles
+    | Measure
+    | Starved
+    | End
 )
 
 

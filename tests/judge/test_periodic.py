@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from tests.judge.build import act, counted, finding, publish, spin, spins, step, verdict
+from nros_conformance.trace.records import Starved
+from tests.judge.build import act, counted, finding, ms, publish, spin, spins, step, verdict
 
 EVERY = {"periodic": "RequestedDeadlineMissed", "of": "listener", "every": "1T", "since": "one", "until": "rest.end"}
 ONE = publish("one", 0)
@@ -266,3 +267,15 @@ def test_misses_of_gaps_that_the_harness_left_before_the_anchor_are_not_held_aga
         spin(second + 2, second + 15, callbacks=1), quiet(second + 15, 350),
     ]  # fmt: skip
     assert finding({**EVERY, "since": "one.last"}, *records, REST).outcome == outcome
+
+
+@pytest.mark.parametrize(("wait", "at", "outcome"), [(50, 100, "unclear"), (4, 100, "fail"), (50, 250, "fail")])
+def test_what_came_late_while_threads_of_the_backend_had_no_core_is_unclear(
+    wait: float, at: float, outcome: str
+) -> None:
+    records = [spins(0, 140), counted(145, 1), spin(140, 145, callbacks=1), spins(145, 205)]
+    starved = Starved(begin=ms(at), end=ms(at + 30), wait=ms(wait) - ms(0))
+    found = finding({**EVERY, "until": "one + 2T"}, ONE, *records, starved, REST)
+    assert found.outcome == outcome
+    words = "threads of the backend had to wait 50 ms for a core meanwhile"
+    assert (words in found.got) == (outcome == "unclear")
