@@ -37,7 +37,9 @@ def run(options: argparse.Namespace) -> ExitCode:
     published = load_published(suites.directory, suites.levels)
     if options.check:
         return _check(options, reports, suites, published)
-    mutation = stored_scores(options.results, suites.digest)
+    mutation, stale = stored_scores(options.results, suites.digest)
+    if stale:
+        print(f"left out {stale}")
     text = render(reports, suites.levels, mutation=mutation, published=published)
     options.output.write_text(text, encoding="utf-8")
     print(f"written  {options.output}")

@@ -45,9 +45,14 @@ def run(options: argparse.Namespace) -> ExitCode:
         file = write_mutation(options.results, report)
         if not options.json:
             print(f"written  {file}")
-    musts = [one for one in report.survivors if suites.levels.get(one.violates) == "must"]
-    lacking = not options.mutant and any(suites.levels[id_] == "must" for id_ in report.unexercised(suites.levels))
-    return ExitCode.FAILED if musts or lacking else ExitCode.OK
+    return decided(report, suites.levels, whole=not options.mutant)
+
+
+def decided(report: MutationReport, levels: dict[str, str], *, whole: bool = True) -> ExitCode:
+    """FAILED when a mutant survives that violates a must, or, of a whole run, when a must has no mutant."""
+    survives = any(levels.get(one.violates) == "must" for one in report.survivors)
+    lacking = whole and any(levels[id_] == "must" for id_ in report.unexercised(levels))
+    return ExitCode.FAILED if survives or lacking else ExitCode.OK
 
 
 def told(report: MutationReport, levels: dict[str, str], *, whole: bool = True) -> str:

@@ -40,6 +40,10 @@ BY_TIME = (
 )  # fmt: skip
 """What happens by itself."""
 
+AT_ONCE = 4
+"""Actions without time between them: each waits for a drive of 5 ms, and what they are late by has to fit into the
+0.2T that a step of time ends early."""
+
 _PROVES = {
     EventKind.REQUESTED_DEADLINE_MISSED: "RDM-003",
     EventKind.OFFERED_DEADLINE_MISSED: "ODM-003",
@@ -66,8 +70,12 @@ class Timeline:
     kinds: tuple[EventKind, ...] = tuple(EventKind)
 
     def sensible(self) -> Timeline:
-        """The same without what cannot be done: using or destroying what is not there, creating what is."""
-        alive, late, kept = set(ENTITIES), set(SUBSCRIPTIONS), []
+        """The same without what cannot be done: using or destroying what is not there, creating what is.
+
+        Time passes after so many actions at once.
+        """
+        alive, late, at_once = set(ENTITIES), set(SUBSCRIPTIONS), 0
+        kept: list[Action] = []
         for action in self.actions:
             verb, subject = action.verb, action.subject
             if subject and (subject in alive) is (verb == "create"):
@@ -76,6 +84,13 @@ class Timeline:
                 continue
             alive ^= {subject} if verb in ("create", "destroy") else set()
             late -= {subject} if verb in ("register", "destroy") else set()
+            if verb in TIME:
+                at_once = 0
+            elif at_once == AT_ONCE:
+                kept.append(Action("drive"))
+                at_once = 1
+            else:
+                at_once += 1
             kept.append(action)
         return dataclasses.replace(self, actions=tuple(kept))
 

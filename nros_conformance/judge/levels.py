@@ -1,4 +1,7 @@
-"""Expectations about alive_count and not_alive_count, which LivelinessChanged reports in steps from 0."""
+"""Expectations about alive_count and not_alive_count, which LivelinessChanged reports in steps from 0.
+
+A subscription that is destroyed and created again begins at 0 again; until then what it reported last counts.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _FOREVER = Interval(INF, INF)
 
 
 class _Step(NamedTuple):
-    """A value and for how long it was the last one reported."""
+    """A value and for how long it was the last one reported. Without an event: what a life begins with."""
 
     value: int
     seen: Seen | None
@@ -27,6 +30,11 @@ class _Step(NamedTuple):
     until: Interval
     position: int
     next_position: int
+
+    @property
+    def reborn(self) -> bool:
+        """Whether a later life than the first begins with it."""
+        return self.seen is None and self.position >= 0
 
 
 def level(index: Index, expected: schema.Level) -> Judged:
@@ -49,10 +57,18 @@ def _level(index: Index, expected: schema.Level, entity: str) -> Judged:
 def _steps(index: Index, entity: str, name: str) -> list[_Step]:
     steps: list[_Step] = []
     value, seen, since, position = 0, None, Interval(-INF, -INF), -1
-    for following in index.events_of(entity, KIND):
-        steps.append(_Step(value, seen, since, following.when, position, following.position))
-        value = following.event.status.get(name, 0)
-        seen, since, position = following, following.when, following.position
+    born = [
+        (place, Interval(state.begin, state.end), None)
+        for place, state in index.states
+        if state.entity == entity and state.what == "created"
+    ]
+    events = [(one.position, one.when, one) for one in index.events_of(entity, KIND)]
+    for place, when, following in sorted([*born, *events], key=lambda change: change[0]):
+        if following is None and seen is None:
+            continue  # nothing to forget
+        steps.append(_Step(value, seen, since, when, position, place))
+        value = following.event.status.get(name, 0) if following else 0
+        seen, since, position = following, when, place
     steps.append(_Step(value, seen, since, _FOREVER, position, LAST))
     return steps
 
@@ -91,7 +107,7 @@ def _by(index: Index, expected: schema.Level, entity: str, steps: list[_Step]) -
         got += f", and drive_io returned {clock(index, ended)}" if late else ", but the script ended before it was late"
         judged = Judged(decide(late, True), "", got, ended - due if late else None, by.hi, missing=True)
         return unless_blind(index, session, judged, first.lo)
-    if possible.seen is None:
+    if possible.seen is None and not possible.reborn:
         judged = Judged("unclear", got=f"{_told(index, possible)} at first, perhaps only before {expected.by.label}")
         return unless_blind(index, session, judged, first.lo)
     late = possible.since.lo > due and drives.surely(possible.position, possible.since.lo) >= due
@@ -118,7 +134,7 @@ def _throughout(index: Index, expected: schema.Level, entity: str, steps: list[_
     previous: _Step | None = None
     for step in steps:
         if step.value != expected.is_:
-            departed = previous is not None and previous.value == expected.is_
+            departed = previous is not None and previous.value == expected.is_ and not step.reborn
             certain = departed and surely_between(step.since, since, until)
             certain = certain or _shown_at_return(index, expected, entity, step, since, until, certainly=True)
             if certain:
@@ -140,6 +156,8 @@ def _shown_at_return(
 ) -> bool:
     """Whether a call of drive_io in the window returned with this value although another one was due."""
     drives = index.drives_of(entity)
+    if step.reborn:
+        since = Interval(max(since.lo, step.since.lo), max(since.hi, step.since.hi))
     if certainly:
         due = max(since.hi + index.late, 1 - INF)  # -INF is no call at all
         return step.until.lo > due and drives.surely(step.next_position, step.until.lo, until.lo, step.position) >= due
@@ -148,4 +166,7 @@ def _shown_at_return(
 
 
 def _told(index: Index, step: _Step) -> str:
-    return shown(index, step.seen) if step.seen is not None else "no LivelinessChanged came"
+    if step.seen is not None:
+        return shown(index, step.seen)
+    after = f" after it was created anew {clock(index, step.since.hi)}" if step.reborn else ""
+    return f"no LivelinessChanged came{after}"

@@ -8,6 +8,8 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
+from nros_conformance.report.results import ReportError
+
 FILE = "mutants.json"
 FORMAT = 1
 
@@ -64,10 +66,33 @@ def write_mutation(results: Path, report: MutationReport) -> Path:
     return file
 
 
-def stored_scores(results: Path, digest: str) -> dict[str, tuple[int, int]]:
-    """The scores of the stored run; nothing when there is none of these very suites."""
+def read_mutation(results: Path) -> MutationReport | None:
+    """The stored run, if there is one. Raises `ReportError`."""
     file = results / FILE
-    if not file.is_file():
-        return {}
-    report = msgspec.json.decode(file.read_bytes(), type=MutationReport)
-    return scores(report) if (report.digest, report.format) == (digest, FORMAT) else {}
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError:
+        return None
+    try:
+        report = msgspec.json.decode(data, type=MutationReport)
+    except msgspec.DecodeError as error:
+        raise ReportError(f"{file}: damaged: {error}; run again: nros-conformance mutants") from None
+    if report.format != FORMAT:
+        raise ReportError(
+            f"{file}: format {report.format}; this nros-conformance reads format {FORMAT}: "
+            "run again: nros-conformance mutants"
+        )
+    return report
+
+
+def stored_scores(results: Path, digest: str) -> tuple[dict[str, tuple[int, int]], str]:
+    """The scores of the stored run, if it is of these very suites, and why there are none although it is there.
+
+    Raises `ReportError`.
+    """
+    report = read_mutation(results)
+    if report is None:
+        return {}, ""
+    if report.digest != digest:
+        return {}, f"{results / FILE}: its mutants were played on other suites; run again: nros-conformance mutants"
+    return scores(report), ""

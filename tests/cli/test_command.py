@@ -13,7 +13,10 @@ import pytest
 
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.main import main
+from nros_conformance.report.gaps import GROUPS
+from nros_conformance.report.mutation import MutantResult, MutationReport, write_mutation
 from nros_conformance.report.results import read_report, write_report
+from nros_conformance.suite.loader import load_suites
 
 ADAPTERS = Path(__file__).parents[1] / "play" / "adapters"
 SCENARIOS = ("--scenario", "reg.raises-message-lost", "--scenario", "reg.absent-*", "--scenario", "reg.wrong-side-*")
@@ -163,6 +166,34 @@ def test_the_matrix_is_written_checked_and_found_stale(
     matrix.write_text(matrix.read_text(encoding="utf-8").replace("| no ", "| yes ", 1), encoding="utf-8")
     assert main([*arguments, "--check"]) == 1
     assert "matrix.md is not what was observed; write it again: nros-conformance matrix\n" in capsys.readouterr().out
+
+
+def test_the_score_of_the_mutants_is_in_the_matrix_as_long_as_it_is_of_these_suites(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    matrix, page, row = tmp_path / "matrix.md", tmp_path / "matrix.html", "planted defects caught"
+    arguments = ["matrix", "--results", str(results), "--output", str(matrix), "--html", str(page)]
+    killed, alive = (
+        MutantResult(name=name, defect="", violates="CON-001", says="is bad", killed_by=by)
+        for name, by in (("a", "con.cut-off"), ("b", ""))
+    )
+    of_here = MutationReport(
+        digest=load_suites().digest, backend="reference", mutants=(killed, killed, alive), seconds=1.0
+    )
+    file = write_mutation(results, of_here)
+    assert main(arguments) == 0
+    scored = next(line for line in matrix.read_text(encoding="utf-8").splitlines() if row in line)
+    cells = [cell.strip() for cell in scored.strip("|").split("|")]
+    assert (cells[0], cells[1 + GROUPS.index("CON")], cells[-1]) == (row, "2/3", "2/3")
+    assert f"{row}</th>" in page.read_text(encoding="utf-8")
+    assert main([*arguments, "--check"]) == 0
+    capsys.readouterr()
+    write_mutation(results, msgspec.structs.replace(of_here, digest="sha256:other"))
+    assert main(arguments) == 0
+    assert capsys.readouterr().out.splitlines()[0] == (
+        f"left out {file}: its mutants were played on other suites; run again: nros-conformance mutants"
+    )
+    assert row not in matrix.read_text(encoding="utf-8")
 
 
 def test_the_table_is_copied_into_a_readme_between_its_markers(results: Path, tmp_path: Path) -> None:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from nros_conformance.cli.codes import ExitCode
 from nros_conformance.cli.main import main
-from nros_conformance.cli.mutants import told
+from nros_conformance.cli.mutants import decided, told
 from nros_conformance.report.mutation import FILE
 from tests.explore.test_mutation import report, result
 
@@ -22,6 +23,16 @@ def test_the_report_tells_killed_ones_survivors_and_what_no_mutant_violates() ->
         "survives  worse: is bad (RDM-001, must)",
         "no mutant violates RDM-002",
     ]
+
+
+def test_all_is_well_when_every_must_has_a_mutant_and_each_of_those_is_killed() -> None:
+    killed, alive = result("a", killed_by="x"), result("b")
+    should = result("c", violates="RDM-002")
+    assert decided(report(killed, should), LEVELS) == ExitCode.OK
+    assert decided(report(killed, alive), LEVELS) == ExitCode.FAILED
+    assert decided(report(should), LEVELS) == ExitCode.FAILED
+    assert decided(report(should), LEVELS, whole=False) == ExitCode.OK
+    assert decided(report(alive), LEVELS, whole=False) == ExitCode.FAILED
 
 
 def test_one_mutant_by_name_is_told_and_not_stored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -127,3 +127,10 @@ def test_a_scenario_that_was_found_fails_again_when_it_is_loaded(tmp_path: Path)
     (tmp_path / "explored.yaml").write_text(as_suite(found), encoding="utf-8")
     (loaded,) = load_suites(tmp_path).scenarios
     assert replace(loaded, key="").scenario.script[1].as_ == "go"
+
+
+def test_what_happens_at_once_is_little_enough_for_a_play_to_keep_up() -> None:
+    eight = (Action("publish", "steady"),) * 8
+    timeline = Timeline((*eight, Action("idle"), *eight[:4])).sensible()
+    assert timeline.actions == (*eight[:4], Action("drive"), *eight[:4], Action("idle"), *eight[:4])
+    assert stand().play(timeline).verdict == "pass"

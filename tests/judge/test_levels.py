@@ -199,3 +199,53 @@ def test_anchored_at_a_creation() -> None:
     expect = {"level": "alive_count", "of": "listener", "is": 1, "by": "talker.created + 100ms"}
     created = state("created", 30, "talker", end=40)
     assert finding(expect, created, HERE, GONE, REST).outcome == "pass"
+
+
+# --- several lives --------------------------------------------------------------------------------
+
+ANEW = [state("destroyed", 110, "listener"), state("created", 150, "listener")]
+BORN = "no LivelinessChanged came after it was created anew at 150.0 ms"
+
+
+def test_a_new_life_begins_at_0() -> None:
+    found = finding(BY, HERE, GONE, spins(101, 110, every=3), ANEW, spins(150, 400), REST)
+    assert (found.outcome, found.got) == ("pass", BORN)
+    found = finding(BY | {"is": 1}, HERE, ANEW, act("gone", 155, op="destroy"), spins(150, 400), REST)
+    assert (found.outcome, found.got) == ("fail", f"{BORN}, and drive_io returned at 400.0 ms")
+
+
+def test_what_a_new_life_begins_with_is_not_reached_in_time_if_it_begins_too_late() -> None:
+    late = [state("destroyed", 345, "listener"), state("created", 350, "listener")]
+    found = finding(BY, HERE, GONE, spins(100, 340), late, spins(350, 400), REST)
+    assert (found.outcome, found.nearest_ns) == ("fail", 19_000_000)
+
+
+def test_the_events_of_the_new_life_count() -> None:
+    again = [ANEW, alive(160, 2, 2), spin(159, 161, callbacks=1), spins(170, 400), REST]
+    assert finding(BY | {"is": 2}, HERE, GONE, again).outcome == "pass"
+    assert finding(BY, HERE, GONE, again).outcome == "pass"
+    late = act("gone", 155, op="destroy")
+    assert finding(BY | {"is": 1}, HERE, ANEW, late, again[1:]).outcome == "fail"
+
+
+def test_what_a_new_life_begins_with_has_until_calls_return_to_change() -> None:
+    through = THROUGH | {"until": "rest.end"}
+    before = [HERE, SETTLED, GONE, spins(100, 110), ANEW]
+    soon = [spins(150, 160), alive(170, 1, 1), spin(160, 171, callbacks=1), spins(171, 401), REST]
+    assert finding(through, before, soon).outcome == "pass"
+    found = finding(through, before, spins(150, 400), REST)
+    assert (found.outcome, found.got) == ("fail", BORN)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("lives", [1, 2, 5])
+def test_only_the_last_life_counts_after_it_has_begun(count: int, lives: int) -> None:
+    before = [
+        [state("created", 10 * n, "listener"), alive(10 * n + 1, 7, 7), spin(10 * n, 10 * n + 2, callbacks=1),
+         state("destroyed", 10 * n + 5, "listener")]
+        for n in range(lives)
+    ]  # fmt: skip
+    last = [state("created", 95, "listener"), [alive(97, count, count), spin(96, 98, callbacks=1)] if count else []]
+    records = [before, last, GONE, spins(101, 401), REST]
+    assert finding(BY | {"is": count}, records).outcome == "pass"
+    assert finding(BY | {"is": 7}, records).outcome == "fail"

@@ -39,6 +39,7 @@ class ReferenceBackend(Backend):
     """
 
     world_type: type[World] = World
+    agent_type: type[Agent] = Agent
 
     def __init__(self, host: Host) -> None:
         super().__init__(host)
@@ -49,7 +50,7 @@ class ReferenceBackend(Backend):
         self.ids = count()
         self.entities: dict[int, ReferencePublisher | ReferenceSubscription] = {}
         self.sessions: dict[int, ReferenceSession] = {}
-        self.agent = Agent(lambda client: client in self.sessions and self.sessions[client].answers_checks())
+        self.agent = self.agent_type(lambda client: client in self.sessions and self.sessions[client].answers_checks())
         self.delayed: list[Delayed] = []
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from nros_backends.reference.mutants import (
+    connection,
     counters,
     deadlines,
     dispatch,
@@ -10,10 +11,11 @@ from nros_backends.reference.mutants import (
     losses,
     misuse,
     registration,
+    removal,
 )
 from nros_conformance.rmw.mutants import Mutant
 
-_SUBJECTS = (registration, dispatch, counters, deadlines, liveliness, losses, misuse)
+_SUBJECTS = (registration, dispatch, counters, deadlines, liveliness, losses, misuse, connection, removal)
 
 
 def all_mutants() -> tuple[Mutant, ...]:

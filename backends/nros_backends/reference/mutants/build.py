@@ -10,6 +10,7 @@ from nros_backends.reference.backend import (
     ReferenceSession,
     ReferenceSubscription,
 )
+from nros_conformance.model.agent import Agent
 from nros_conformance.model.world import World
 from nros_conformance.rmw.detection import CountTracker, LivelinessTally
 from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
@@ -23,6 +24,7 @@ def mutant(
     publisher: type[ReferencePublisher] = ReferencePublisher,
     subscription: type[ReferenceSubscription] = ReferenceSubscription,
     world: type[World] = World,
+    agent: type[Agent] = Agent,
     registry: type[EventRegistry] = EventRegistry,
     queue: type[ReadyQueue] = ReadyQueue,
     tracker: type[CountTracker] = CountTracker,
@@ -36,5 +38,6 @@ def mutant(
         "queue_type": queue,
     }
     sessions = type("MutantSession", (session,), ends)
-    adapter = type("MutantBackend", (backend,), {"session_type": sessions, "world_type": world, "__doc__": says})
+    types = {"session_type": sessions, "world_type": world, "agent_type": agent}
+    adapter = type("MutantBackend", (backend,), {**types, "__doc__": says})
     return Mutant(name, defect, violates, says, adapter)
