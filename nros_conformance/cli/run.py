@@ -194,7 +194,12 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
 
     def watch(progress: Progress) -> None:
         with lock:
-            line.update(progress.row.name, progress.done, progress.total, failed=progress.result.verdict == "fail")
+            line.update(
+                progress.row.name,
+                progress.done,
+                progress.total,
+                failed=progress.result.verdict == "fail" and not progress.result.known,
+            )
             if progress.result.verdict in ("fail", "error") and not progress.result.known:
                 line.clear()
                 say("\n" + failure(one_report[progress.row.name].report(), progress.result, requirements))
