@@ -22,6 +22,7 @@ from pathlib import Path
 from nros_conformance.play.autopsy import autopsy
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
+from nros_conformance.play.processes import death
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
 from nros_conformance.trace.files import TraceWriter
 from nros_conformance.trace.records import End
@@ -124,7 +125,7 @@ class Pool:
         suspects = list(watch.in_flight.values())
         what = "hang" if watch.killed else "crash"
         where = _where(self._log, log_start, what)
-        detail = watch.killed or _death(process.returncode)
+        detail = watch.killed or f"the process {death(process.returncode)}"
         detail += f", {where}" if where else ""
         if self._launch.debugger and what == "crash" and len(suspects) == 1:
             native = autopsy(
@@ -232,13 +233,6 @@ def _receive(connection: socket.socket) -> bytes:
         return connection.recv(65536)
     except ConnectionResetError:
         return b""
-
-
-def _death(returncode: int) -> str:
-    if returncode < 0:
-        name = signal.Signals(-returncode).name
-        return f"the process died of {name}"
-    return f"the process exited with code {returncode}"
 
 
 def _where(log: Path, start: int, what: str) -> str:

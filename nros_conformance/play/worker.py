@@ -6,7 +6,6 @@ Started by `pool`. It may crash or hang as its backend pleases: the harness look
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import faulthandler
 import gc
 import os
@@ -23,6 +22,7 @@ import msgspec
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play
+from nros_conformance.play.processes import die_with_parent
 from nros_conformance.play.starvation import Watch
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Report, Started, decode_job, encode
 from nros_conformance.rmw.backend import Backend
@@ -36,8 +36,6 @@ BEAT_S = 0.5
 SETUPS = 2
 """Stages set up at once. Setting up is what costs time (sockets, threads, discovery): 48 at once made each
 last 230 ms instead of 20, and delayed the deadline timers of those that were already playing."""
-
-_PR_SET_PDEATHSIG = 1
 
 
 class Worker:
@@ -138,8 +136,7 @@ class Worker:
 
 def main() -> None:
     """Entry of ``python -m nros_conformance.play.worker FD``."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the harness decides what an interrupt means
     faulthandler.enable()
     # A thread that another one asks for the GIL gives it away only where it blocks. With the default of 5 ms it

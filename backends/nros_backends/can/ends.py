@@ -10,23 +10,21 @@ from typing import TYPE_CHECKING
 
 from nros_backends.can.messages import Endpoint, digest
 from nros_backends.can.policies import compatible, finite
-from nros_conformance.rmw.backend import Entity
 from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.detection import CountTracker, DeadlineClock, Source
-from nros_conformance.rmw.dispatch import EventRegistry
+from nros_conformance.rmw.detection import Source
+from nros_conformance.rmw.ends import ClockedEnd
 from nros_conformance.rmw.events import EventCallback, EventKind
-from nros_conformance.rmw.qos import INFINITE_MS, QosProfile, is_finite
+from nros_conformance.rmw.qos import QosProfile, is_finite
 
 if TYPE_CHECKING:
     from nros_backends.can.peers import Remote
     from nros_backends.can.session import CanSession
 
 
-class End(Entity):
+class End(ClockedEnd):
     """One endpoint of a session; ``number`` tells it from the others of its node."""
 
-    missed_kind: EventKind
     is_reader: bool
 
     def __init__(
@@ -39,29 +37,16 @@ class End(Entity):
     ) -> None:
         self.session = session
         self.number = number
-        self.topic, self.type_name = names
+        super().__init__(session.clock, session.queue, *names, qos, sources)
         self.topic_digest, self.type_digest = topic_digest(self.topic), digest(self.type_name)
-        self.qos = qos
         self.profile = Endpoint(
             number=number, subject=0, is_reader=self.is_reader, topic=self.topic_digest, type=self.type_digest,
             reliability=qos.reliability, durability=qos.durability, liveliness=qos.liveliness,
             lease_ms=finite(qos.lease_ms), node_lease_ms=session.lease_ms, deadline_ms=finite(qos.deadline_ms),
             lifespan_ms=finite(qos.lifespan_ms),
         )  # fmt: skip
-        self.missed = CountTracker()
-        self.registry = EventRegistry(
-            session.queue, {**sources, self.missed_kind: self.missed}, qos_deadline_ms=qos.deadline_ms
-        )
-        self.last_ns: int | None = None
-        """When the last sample came, respectively went."""
-        self.deadline: DeadlineClock | None = None
         if qos.has_deadline:
             self._time(qos.deadline_ms * MS)
-
-    @property
-    def closed(self) -> bool:
-        """Whether it has been destroyed."""
-        return self.registry.closed
 
     def announcement(self, now_ns: int, round_: int) -> Endpoint:
         """What the others are told of it."""
@@ -88,17 +73,9 @@ class End(Entity):
         remote = None if peer is None else peer.remotes.get(other.number)
         return remote is not None and self.meets(remote.info)
 
-    def supports_event(self, kind: int) -> bool:
-        return self.registry.supports(kind)
-
     def register_event(self, kind: int, deadline_ms: int, callback: EventCallback | None, context: object) -> int:
-        if not isinstance(deadline_ms, int) or not 0 <= deadline_ms <= INFINITE_MS:
-            return ReturnCode.INVALID_ARGUMENT
         with self.session.lock:
-            code = self.registry.register(kind, deadline_ms, callback, context)
-            if code == ReturnCode.OK and EventKind(kind).is_deadline and not self.qos.has_deadline:
-                self._time(deadline_ms * MS)
-        return code
+            return super().register_event(kind, deadline_ms, callback, context)
 
     def destroy(self) -> int:
         """OK; INVALID_ARGUMENT, and no harm, the second time."""
@@ -119,25 +96,11 @@ class End(Entity):
             self.deadline.update(now_ns)
         self.registry.poll()
 
-    def next_due_ns(self) -> int:
-        """When to look again."""
-        return NEVER if self.deadline is None else self.deadline.next_due_ns
-
     def sample(self, at_ns: int) -> None:
         """A sample came, respectively went: the period begins anew."""
         self.last_ns = at_ns
         if self.deadline is not None:
             self.deadline.restart(at_ns)
-
-    def _time(self, period_ns: int) -> None:
-        """Start the deadline clock, or change its period. Periods before that do not count."""
-        now = self.session.clock.now_ns()
-        if self.deadline is not None:
-            self.deadline.update(now)
-        self.deadline = DeadlineClock(period_ns)
-        self.deadline.misses = self.missed
-        if self.last_ns is not None:
-            self.deadline.restart(self.last_ns + (now - self.last_ns) // period_ns * period_ns)
 
 
 def topic_digest(topic: str) -> bytes:

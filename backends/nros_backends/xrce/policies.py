@@ -12,17 +12,9 @@ finite lease and manual liveliness (nobody is told when one expires).
 
 from __future__ import annotations
 
-import dataclasses
-import re
-
+from nros_conformance.rmw.admission import admit_names
 from nros_conformance.rmw.codes import ReturnCode, RmwError
-from nros_conformance.rmw.qos import Durability, History, Liveliness, QosProfile, Reliability, is_finite
-
-NAME_MAX = 200
-"""Characters; what all DDS implementations and ROS 2 take."""
-
-_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
-_TYPE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:(?:/|::)[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+from nros_conformance.rmw.qos import History, QosProfile, is_finite
 
 
 def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
@@ -30,21 +22,7 @@ def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
 
     Raises `RmwError` TOPIC_NAME_INVALID, INVALID_ARGUMENT, INCOMPATIBLE_QOS.
     """
-    for what, name, pattern in (("topic", topic, _TOPIC), ("type", type_name, _TYPE)):
-        if not isinstance(name, str) or len(name) > NAME_MAX or not pattern.fullmatch(name):
-            raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{name!r} is not a {what} name")
-    qos.check()
-    try:
-        qos = dataclasses.replace(
-            qos,
-            reliability=Reliability(qos.reliability),
-            durability=Durability(qos.durability),
-            history=History(qos.history),
-            liveliness=Liveliness(qos.liveliness),
-            depth=max(qos.depth, 1),
-        )
-    except ValueError as error:
-        raise RmwError(ReturnCode.INVALID_ARGUMENT, str(error)) from error
+    qos = admit_names(topic, type_name, qos)
     refused = {
         "history KEEP_ALL": qos.history is History.KEEP_ALL,
         f"lifespan {qos.lifespan_ms} ms": is_finite(qos.lifespan_ms),

@@ -16,19 +16,13 @@ zenoh knows none of the contract's policies but the reliability of a link, so al
 
 from __future__ import annotations
 
-import dataclasses
 import re
 
-from nros_conformance.rmw.codes import ReturnCode, RmwError
-from nros_conformance.rmw.qos import Durability, History, Liveliness, QosProfile, Reliability, is_finite
+from nros_conformance.rmw.admission import NAME_MAX, admit_names, refuse_short_lease
+from nros_conformance.rmw.qos import Liveliness, QosProfile, is_finite
 
 MIN_LEASE_MS = 100
 
-NAME_MAX = 200
-"""Characters; what all implementations of ROS 2 take."""
-
-_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
-_TYPE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:(?:/|::)[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 _NODE = re.compile(r"[A-Za-z0-9_.-]+", re.ASCII)
 
 _STRENGTH = {
@@ -44,23 +38,8 @@ def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
 
     Raises `RmwError` TOPIC_NAME_INVALID, INVALID_ARGUMENT, INCOMPATIBLE_QOS.
     """
-    for what, name, pattern in (("topic", topic, _TOPIC), ("type", type_name, _TYPE)):
-        if not isinstance(name, str) or len(name) > NAME_MAX or not pattern.fullmatch(name):
-            raise RmwError(ReturnCode.TOPIC_NAME_INVALID, f"{name!r} is not a {what} name")
-    qos.check()
-    try:
-        qos = dataclasses.replace(
-            qos,
-            reliability=Reliability(qos.reliability),
-            durability=Durability(qos.durability),
-            history=History(qos.history),
-            liveliness=Liveliness(qos.liveliness),
-            depth=max(qos.depth, 1),
-        )
-    except ValueError as error:
-        raise RmwError(ReturnCode.INVALID_ARGUMENT, str(error)) from error
-    if qos.liveliness is not Liveliness.NONE and is_finite(qos.lease_ms) and qos.lease_ms < MIN_LEASE_MS:
-        raise RmwError(ReturnCode.INCOMPATIBLE_QOS, f"lease {qos.lease_ms} ms is below {MIN_LEASE_MS} ms")
+    qos = admit_names(topic, type_name, qos)
+    refuse_short_lease(qos, MIN_LEASE_MS)
     return qos
 
 
