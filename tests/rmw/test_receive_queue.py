@@ -147,7 +147,12 @@ def test_no_callback_runs_for_what_was_taken_pushed_out_or_has_expired() -> None
 
 def test_callbacks_run_in_the_order_in_which_samples_came() -> None:
     desk, order = Desk(), list[object]()
-    desk.ready.push(15, lambda: order.append("event") is None)
+
+    def event() -> bool:
+        order.append("event")
+        return True
+
+    desk.ready.push(15, event)
     desk.queue.put(b"", 10)
     desk.queue.set_message_callback(lambda _: order.append("message"), None)
     desk.queue.put(b"", 20)
