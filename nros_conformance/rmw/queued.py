@@ -25,6 +25,7 @@ from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.detection import DeadlineClock, GapTracker, LivelinessTally, Source
 from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.events import EventCallback, EventKind
 from nros_conformance.rmw.qos import QosProfile, is_finite
 from nros_conformance.rmw.receive_queue import ReceiveQueue
@@ -48,6 +49,7 @@ class QueuedSession(Session):
         """Raised from any thread when there is something to look at."""
         self.entities: dict[_QueuedEntity, None] = {}
         self.closed = False
+        self._driving = Driving(clock)
 
     def admit(self, topic: str, type_name: str, qos: QosProfile) -> None:
         """Refuse, by raising `RmwError`, what else cannot be created, such as a topic of another type."""
@@ -66,23 +68,9 @@ class QueuedSession(Session):
 
         A sample ends the waiting once, when it arrives. A negative timeout is none (C10).
         """
-        whole = isinstance(timeout_ms, int) and (max_callbacks is None or isinstance(max_callbacks, int))
-        if self.closed or not whole or (max_callbacks or 0) < 0:
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if self.ready.busy:
-            return ReturnCode.WOULD_BLOCK
-        until_ns = self.clock.now_ns() + max(timeout_ms, 0) * MS
-        while not self.closed:
-            woken = self.wake.is_set()
-            self.wake.clear()
-            for entity in tuple(self.entities):
-                entity.look()
-            # The last look comes after the last wait: what fell due meanwhile belongs to this call (DSP-007).
-            if self.ready.drain(max_callbacks) or woken or self.clock.now_ns() >= until_ns:
-                break
-            due_ns = min((entity.next_due_ns for entity in self.entities), default=NEVER)
-            self.clock.wait(self.wake, min(until_ns, due_ns))
-        return ReturnCode.OK
+        return self._driving.drive(timeout_ms, max_callbacks, self._drive)
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         return ReturnCode.INVALID_ARGUMENT if self.closed else super().ping(timeout_ms, attempts)
@@ -95,6 +83,18 @@ class QueuedSession(Session):
             self.leave()
             self.wake.set()
         return ReturnCode.OK
+
+    def _drive(self, until_ns: int, max_callbacks: int | None) -> None:
+        while not self.closed:
+            woken = self.wake.is_set()
+            self.wake.clear()
+            for entity in tuple(self.entities):
+                entity.look()
+            # The last look comes after the last wait: what fell due meanwhile belongs to this call (DSP-007).
+            if self.ready.drain(max_callbacks) or woken or self.clock.now_ns() >= until_ns:
+                return
+            due_ns = min((entity.next_due_ns for entity in self.entities), default=NEVER)
+            self.clock.wait(self.wake, min(until_ns, due_ns))
 
     def _entered(self, entity: _Q) -> _Q:
         entity.enter()
