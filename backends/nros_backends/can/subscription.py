@@ -54,7 +54,7 @@ class CanSubscription(End, Subscription):
 
     def deliver(self, payload: bytes, at_ns: int, lifespan_ms: int) -> None:
         """A sample came at ``at_ns``; its publisher gives it ``lifespan_ms``, 0 for ever."""
-        self.sample(at_ns)
+        self.moved(at_ns)
         spans = [span for span in (lifespan_ms, self._lifespan_ms) if span]
         expires_ns = at_ns + min(spans) * MS if spans else NEVER
         self.losses.add(self._waiting.put(payload, at_ns, expires_ns=expires_ns), at_ns)

@@ -103,9 +103,7 @@ class CycloneSubscription(End, Subscription):
             total = reader.get_requested_deadline_missed_status().total_count  # type: ignore[no-untyped-call]
             count_to(self.missed, total, max(before_ns, min(self._first_due_ns(now_ns), now_ns)))
         fresh = self._accept(before_ns, now_ns)
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
         return fresh or self._more
 
     def knows(self, guid: uuid.UUID) -> bool:
@@ -137,10 +135,8 @@ class CycloneSubscription(End, Subscription):
         while self._arrivals:
             fresh = True
             arrived_ns, sample = self._arrivals.popleft()
-            self.last_ns = arrived_ns
+            self.moved(arrived_ns)
             self._sent_ns = sample.sent_ns
-            if self.deadline is not None:
-                self.deadline.restart(arrived_ns)
             # Ready since it was sent, as far as the order of callbacks goes, but not before the last look.
             ready_ns = max(before_ns, min(sample.sent_ns, now_ns))
             self._gaps.sample(sample.publisher, sample.number, ready_ns)

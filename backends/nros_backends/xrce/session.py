@@ -173,7 +173,7 @@ class XrceSession(Session):
         while not self.closed:
             self.client.service()
             for end in self._ends:
-                end.look(self.client.known_ns)
+                end.poll(self.client.known_ns)
             lost = self.client.health.state is not self._reported
             self._reported = self.client.health.state
             if self.queue.drain(max_callbacks) or self.client.fresh != fresh or lost:

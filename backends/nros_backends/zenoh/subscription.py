@@ -122,9 +122,7 @@ class ZenohSubscription(End, Subscription):
     def look(self, now_ns: int) -> None:
         self._numbers.update(now_ns)
         self._numbers.losses.add(self._waiting.dropped(), now_ns)
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
 
     def next_due_ns(self) -> int:
         return min(super().next_due_ns(), self._numbers.next_due_ns)
@@ -158,9 +156,7 @@ class ZenohSubscription(End, Subscription):
         """Deadline clock, numbers, queue, message callbacks."""
         if not self._numbers.accept(about, at_ns):
             return False
-        self.last_ns = at_ns
-        if self.deadline is not None:
-            self.deadline.restart(at_ns)
+        self.moved(at_ns)
         publisher = self._publishers.get(about.gid)
         expires_ns = NEVER
         if publisher is not None and is_finite(publisher.qos.lifespan_ms):
