@@ -123,6 +123,20 @@ def test_a_deadline_of_the_qos_counts_every_period_however_rarely_it_is_looked_a
     assert seen == [(3, 3)]
 
 
+def test_a_later_registration_brings_its_own_period_and_the_total_goes_on(line: Line) -> None:
+    one = listener(line)
+    first = listen(one, MISSED, 20)
+    one.received(b"")
+    line.drive_io(0)
+    line.drive_io(20)
+    second = listen(one, MISSED, 50)
+    one.received(b"")
+    begin = line.clock.now_ns()
+    line.drive_io(0)
+    line.drive_io(1000)
+    assert (first, second, line.clock.now_ns() - begin) == ([(1, 1)], [(2, 1)], 50 * MS)
+
+
 def test_only_a_publish_that_succeeds_begins_the_offered_period_anew(line: Line) -> None:
     one = talker(line)
     seen = listen(one, OFFERED, 20)
