@@ -196,7 +196,10 @@ class QueuedSubscription(_QueuedEntity, Subscription):
         self._waiting = ReceiveQueue(qos, self.registry, session.clock)
 
     def received(self, data: bytes, publisher: Hashable = None, sequence: int | None = None) -> None:
-        """A sample has arrived. ``sequence`` numbers the samples of a ``publisher``, modulo 2**32."""
+        """A sample has arrived. ``sequence`` numbers the samples of a ``publisher``, modulo 2**32.
+
+        What is missing counts as lost; one that was overtaken is taken back, unless it was reported meanwhile.
+        """
         with self._lock:  # the stamp and the queue together, or a look in between would miss what it is due
             self._arrivals.append(_Arrival(self.session.clock.now_ns(), data, publisher, sequence))
         self.session.wake.set()

@@ -101,6 +101,16 @@ def test_gaps_in_the_sequence_of_a_publisher_are_losses(line: Line) -> None:
     assert seen == [(2, 2)]
 
 
+def test_a_sample_that_was_overtaken_is_delivered_and_not_lost(line: Line) -> None:
+    one = listener(line)
+    seen = listen(one, LOST)
+    for sequence in (1, 3, 2):
+        one.received(bytes([sequence]), "a", sequence)
+    line.drive_io(0)
+    assert seen == []
+    assert [one.try_recv_raw(9) for _ in range(3)] == [b"\1", b"\3", b"\2"]
+
+
 def test_a_deadline_of_the_registration_runs_from_the_arrival_and_ends_a_long_drive(line: Line) -> None:
     one = listener(line)
     seen = listen(one, MISSED, 20)
