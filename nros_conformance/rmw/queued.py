@@ -127,7 +127,7 @@ class _QueuedEntity(ClockedEnd):
         self.missed_kind = next((kind for kind in self.events if kind.is_deadline), None)
         sources = {kind: self.source(kind) for kind in self.events if not kind.is_deadline}
         super().__init__(session.clock, session.ready, topic, type_name, qos, sources)
-        if qos.has_deadline:
+        if qos.has_deadline and self.missed_kind is not None:
             self._time(qos.deadline_ms * MS)
 
     def look(self) -> None:
