@@ -21,9 +21,6 @@ _DATAGRAM = 65_536
 _RECEIVE_BUFFER = 2**20
 """Asked for; the kernel grants at most ``net.core.rmem_max``."""
 
-_COMPARE_NS = 1_000 * MS
-"""How often the kernel's clock is looked at when nothing comes; a step is told from slewing the better."""
-
 
 class Arrived(NamedTuple):
     """A datagram and when it came, ``CLOCK_MONOTONIC`` ns."""
@@ -85,9 +82,7 @@ class Transport:
                 continue  # the agent's port is closed: the silence will show it
             taken.append((data, stamp_of(ancillary)))
         now_ns = time.monotonic_ns()
-        offset_ns = None
-        if taken or now_ns - self._kernel.compared_ns >= _COMPARE_NS:
-            offset_ns = self._kernel.offset()
+        offset_ns = self._kernel.offset()
         arrived, floor_ns = [], before_ns
         for data, stamp_ns in taken:
             at_ns = now_ns if stamp_ns is None or offset_ns is None else stamp_ns - offset_ns

@@ -49,13 +49,13 @@ def test_a_datagram_arrived_when_the_kernel_got_it_not_when_it_was_read(
 def test_the_wall_clock_of_the_process_is_of_no_account(
     agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch, step_s: float
 ) -> None:
-    real, step_ns = time.time_ns, int(step_s * 1_000 * MS)
-    for number in range(3):
+    wall, step_ns = time.time_ns, int(step_s * 1_000 * MS)
+    for number in range(5):
         before = time.monotonic_ns()
         agent.send(b"one")
         after = time.monotonic_ns()
-        if number == 1:
-            monkeypatch.setattr(time, "time_ns", lambda: real() + step_ns)
+        steps = (number + 1) // 2 * step_ns
+        monkeypatch.setattr(time, "time_ns", lambda steps=steps: wall() + steps)
         time.sleep(0.02)
         (arrived,) = transport.receive(10)
         assert before - MS <= arrived.at_ns <= after + MS
@@ -66,13 +66,15 @@ def test_the_wall_clock_of_the_process_is_of_no_account(
 def test_where_the_clock_of_the_kernel_was_stepped_the_time_of_reading_stands_in_once(
     agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch, step_s: float
 ) -> None:
-    real, stepped = stamps.stamp_of, False
+    # A real step moves the clock of the process too.
+    wall, real, stepped = time.time_ns, stamps.stamp_of, False
 
     def stamp_of(ancillary: list[tuple[int, int, bytes]]) -> int | None:
         stamp_ns = real(ancillary)
         return stamp_ns + int(step_s * 1_000 * MS) if stamp_ns is not None and stepped else stamp_ns
 
     monkeypatch.setattr(stamps, "stamp_of", stamp_of)
+    monkeypatch.setattr(time, "time_ns", lambda: wall() + int(step_s * 1_000 * MS) * stepped)
     monkeypatch.setattr(transport_module, "stamp_of", stamp_of)
     agent.send(b"before")
     time.sleep(0.02)
@@ -88,6 +90,18 @@ def test_where_the_clock_of_the_kernel_was_stepped_the_time_of_reading_stands_in
     time.sleep(0.02)
     (arrived,) = transport.receive(10)
     assert before - MS <= arrived.at_ns <= after + MS
+
+
+@linux
+def test_a_comparison_that_was_disturbed_is_made_again() -> None:
+    clock = stamps.KernelClock()
+    assert clock._ahead is not None
+    low, high = clock._ahead
+    clock._ahead = clock._ahead._replace(low=low - 20 * MS, high=high + 20 * MS)
+    offset = clock.offset()
+    clock.close()
+    assert offset is not None
+    assert abs(offset - (time.time_ns() - time.monotonic_ns())) < 2 * MS
 
 
 def test_a_socket_that_cannot_have_a_clock_beside_it_is_closed(
