@@ -216,7 +216,7 @@ class RowRun:
             )
             result = msgspec.structs.replace(result, known=self._known(result))
             self._results[one.key] = result
-            self._observations[one.key] = observe(trace)
+            self._observations[one.key] = observe(trace, pings=verdict.verdict != "inconclusive")
             done = sum(1 for key in self._to_play if key in self._results)
         self.watch(Progress(self.row, result, done, self.total))
 
