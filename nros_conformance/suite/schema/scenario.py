@@ -21,7 +21,8 @@ class Needs(Base, frozen=True, kw_only=True):
     """Fields of the declaration and the value that they must have, such as ``callback_cap: true``."""
     clock: Literal["any", "real", "virtual"] = "any"
     process: Literal["shared", "alone", "own"] = "shared"
-    """``alone``: nothing else plays meanwhile, because it times calls; ``own``: a process of its own."""
+    """``alone``: nothing else plays in its process meanwhile, because it times calls; ``own``: a process of its own,
+    before and after too, because it counts what a process has."""
 
 
 class Scale(Base, frozen=True, kw_only=True):
