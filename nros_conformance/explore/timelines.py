@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from nros_conformance.explore.cast import (
     DEADLINE_MS,
@@ -100,6 +101,10 @@ class Timeline:
         return dataclasses.replace(self, actions=tuple(kept))
 
 
+_Happening: TypeAlias = tuple[int, str, EventKind, tuple[int, ...]]
+"""When, to whom, what, and by how much the total changed."""
+
+
 class _Told:
     """What the model says happens, when and to whom."""
 
@@ -109,12 +114,15 @@ class _Told:
         self.now = 0
         self.kinds = timeline.kinds
         self.qos = {name: cast.qos(name, timeline.lossy) for name in ENTITIES}
-        self.happened: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
-        self.perhaps: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
+        self.happened: list[_Happening] = []
+        self.perhaps: Counter[_Happening] = Counter()
         """What happened, and what did not, so close to an action that a late one may change it."""
         self.unseen: dict[tuple[str, Id], int] = {}
         """By subscription and publisher: samples lost since the last that arrived. The next one shows the gap, and a
         backend that learns of it earlier may say so (MSL-001)."""
+        self._heard: set[tuple[str, int, Id]] = set()
+        """By subscription and publisher: who has had a sample of whom. What is lost before the first one is no gap
+        between samples that were delivered, and need not be counted (C12)."""
         self.driven = 0
         """When the last drive ended: what happened since dies undelivered with its entity."""
         self._ids: dict[str, int] = {}
@@ -145,7 +153,8 @@ class _Told:
         if action.verb not in TIME:
             self.doubt()
         if action.verb == "destroy":
-            self.perhaps += [one for one in self.happened if one[0] >= self.driven - self.slack_ns and one[1] == name]
+            undelivered = [one for one in self.happened if one[0] >= self.driven - self.slack_ns and one[1] == name]
+            self.perhaps |= Counter(undelivered)
         match action.verb:
             case "drive" | "idle":
                 self.now += action.count * TICK
@@ -153,7 +162,10 @@ class _Told:
                 self.driven = self.now if action.verb == "drive" else self.driven
             case "publish" | "lose":
                 for _ in range(action.count):
-                    self.note(self.world.publish(id_, b"", self.now, lost=action.verb == "lose"))
+                    found = self.world.publish(id_, b"", self.now, lost=action.verb == "lose")
+                    self.note(found)
+                    if action.verb == "publish":
+                        self._doubt_first(id_, found)
                 for pair in [(one, id_) for one in SUBSCRIPTIONS]:
                     self.unseen[pair] = self.unseen.get(pair, 0) + action.count if action.verb == "lose" else 0
             case "assert":
@@ -168,6 +180,15 @@ class _Told:
             case "create":
                 self.create(name)
 
+    def _doubt_first(self, publisher: Id, found: list[Occurrence]) -> None:
+        """A loss that shows with the first sample that a subscription gets from a publisher may go uncounted."""
+        for name in SUBSCRIPTIONS:
+            pair = name, self._ids[name], publisher
+            lost = [one for one in found if (self._names[one.entity], one.kind) == (name, EventKind.MESSAGE_LOST)]
+            if lost and pair not in self._heard and self.unseen.get((name, publisher)):
+                self.perhaps[lost[0].at_ns, name, lost[0].kind, lost[0].change] += 1
+            self._heard.add(pair)
+
     def ahead(self) -> _Told:
         """What would happen if nothing was done: a play that is behind has not done it yet."""
         later = copy.deepcopy(self)
@@ -176,17 +197,16 @@ class _Told:
 
     def doubt(self) -> None:
         """An action comes now: what falls due just before or after it may do so just after or before it."""
-        known = set(self.perhaps)
         near = [one for one in self.ahead().happened if one[0] >= self.now - self.slack_ns and one[2] in BY_TIME]
-        self.perhaps += [one for one in near if one not in known]
+        self.perhaps |= Counter(near)
 
     def bounds(self, name: str, kind: EventKind, at: int) -> tuple[int, int]:
         """The least and the most that a count can be at a moment."""
-        doubted = [one for one in self.perhaps if one[1:3] == (name, kind)]
-        sure = [one for one in self.happened if one[1:3] == (name, kind)]
-        least = sum(one[3][0] for one in sure if one[0] <= at - self.slack_ns and one not in doubted)
-        most = sum(
-            one[3][0] for one in [*sure, *(one for one in doubted if one not in sure)] if one[0] <= at + self.slack_ns
+        told = Counter(self.happened)
+        sure, possible = told - self.perhaps, told | self.perhaps
+        least, most = (
+            sum(one[3][0] * times for one, times in some.items() if one[1:3] == (name, kind) and one[0] <= until)
+            for some, until in ((sure, at - self.slack_ns), (possible, at + self.slack_ns))
         )
         if kind is EventKind.MESSAGE_LOST:
             most += sum(lost for (subscription, _), lost in self.unseen.items() if subscription == name)
