@@ -15,12 +15,9 @@ from typing import NoReturn
 
 from nros_conformance import __version__
 from nros_conformance.cli import native
-from nros_conformance.cli.codes import ExitCode
+from nros_conformance.cli.codes import RESULTS, ExitCode
 
 PROG = "nros-conformance"
-
-RESULTS = Path(".nros-conformance")
-"""Where runs leave their results unless told otherwise."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

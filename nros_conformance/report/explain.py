@@ -33,9 +33,10 @@ class Played(Protocol):
 
 
 def explain_scenario(
-    report: Played, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement]
-) -> str:
-    """The whole explanation of one play."""
+    report: Played, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement],
+    options: str = "",
+) -> str:  # fmt: skip
+    """The whole explanation of one play. ``options``: of the command, to be repeated in its hints."""
     verdict = attempt.verdict
     final = "a fail is final" if verdict.verdict == "fail" else f"T = {attempt.T_ns / 1e6:g} ms"
     word = {"pass": "pass", "fail": "FAIL", "inconclusive": "unclear"}.get(verdict.verdict, verdict.verdict)
@@ -52,7 +53,7 @@ def explain_scenario(
     lines += ["", "Timeline   ms after the start"]
     lines += render(timeline(trace, verdict.findings), trace.header.start)
     lines += ["", "Judgement", *_judgement(verdict)]
-    lines += ["", f"Again      {again(report, result)}", f"Trace      {report.row}/{attempt.trace}"]
+    lines += ["", f"Again      {again(report, result)}{options}", f"Trace      {report.row}/{attempt.trace}"]
     return "\n".join(lines)
 
 
@@ -63,8 +64,8 @@ def again(report: Played, result: ScenarioResult) -> str:
     return f"nros-conformance run {named} --scenario {_quoted(result.key)}"
 
 
-def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
-    """The block that a run prints for a failure, as soon as it is known."""
+def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement], options: str = "") -> str:
+    """The block that a run prints for a failure, as soon as it is known. ``options`` as for `explain_scenario`."""
     verdict = result.last
     assert verdict is not None
     failed = verdict.failed()
@@ -78,8 +79,8 @@ def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, R
     if not failed:
         lines += _wrapped(verdict.reason, "  cause   ")
     lines += [
-        f"  why     nros-conformance explain {report.row} {_quoted(result.key)}",
-        f"  again   {again(report, result)}",
+        f"  why     nros-conformance explain {report.row} {_quoted(result.key)}{options}",
+        f"  again   {again(report, result)}{options}",
     ]
     return "\n".join(lines)
 
