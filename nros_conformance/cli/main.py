@@ -181,13 +181,15 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     mutants.add_argument("--json", action="store_true", help="print the report as JSON instead of text")
 
     explore = _command(commands, "explore", "search generated timelines for departures from the model")
-    explore.add_argument("--backend", required=True, metavar="NAME", help="an installed backend, or module:Class")
+    explore.add_argument(
+        "--backend", required=True, metavar="NAME", help="an installed backend, one of its rows, or module:Class"
+    )
     explore.add_argument("--against", metavar="NAME", help="play the same on this one and report the differences")
     explore.add_argument("--examples", type=int, default=200, metavar="N", help="timelines to play; default: 200")
     explore.add_argument("--seed", type=int, default=1, metavar="S", help="the same seed, the same search; default: 1")
     explore.add_argument(
         "--output", type=Path, default=RESULTS / "explored.yaml", metavar="FILE",
-        help=f"the scenario that was found; default: {RESULTS}/explored.yaml",
+        help=f"a suite of the scenarios that were found; default: {RESULTS}/explored.yaml",
     )  # fmt: skip
 
     explain = _command(commands, "explain", "why a scenario or cell says what it says")

@@ -61,13 +61,15 @@ class Injector:
         else:
             (actor,) = stage.members(step.of)
             driver = actor.driver
-            arguments = {"entity": actor.created(), "count": step.count}
+            arguments = {"count": step.count}
             if injection.publishes:
                 arguments["publish"] = self._publisher(actor, label)
             if step.fault == "preset":
                 arguments["kind"] = None if step.kind is None else int(KIND_BY_LABEL[step.kind])
 
         def run() -> int:
+            if injection.of != "session":
+                arguments["entity"] = actor.created()  # where it lives, which may be another process
             begun = stage.clock.now_ns()
             code = int(stage.backend.inject(step.fault, **arguments))
             record = FaultRecord(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from nros_conformance.node.executor import Executor
 from nros_conformance.play import payload
+from nros_conformance.play.callbacks import StatusCallback
 from nros_conformance.play.driver import Command, Driver, StopPlay
 from nros_conformance.play.orders import Cast
 from nros_conformance.play.peer import Peer
@@ -19,12 +20,12 @@ from nros_conformance.play.remote import RemoteDriver
 from nros_conformance.rmw.backend import Backend, Environment, Host, Publisher, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
-from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, EventStatus, Side
+from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, Side
 from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
 from nros_conformance.suite.kinds import faults_needed, registered_kinds
 from nros_conformance.suite.walk import members, session_of, step_labels, steps
-from nros_conformance.trace.records import AnyRecord, Event, Message, Registered, State
+from nros_conformance.trace.records import AnyRecord, Message, Registered, State
 
 
 @dataclasses.dataclass(slots=True)
@@ -422,34 +423,8 @@ class Stage:
             )  # fmt: skip
 
     def callback(self, actor: Actor, registration: str) -> EventCallback:
-        """The callback to register: it writes down what it was called with, and does what the script asks."""
-        driver = actor.driver
-
-        def on_event(kind: int, status: EventStatus, context: object) -> None:
-            t = self.clock.now_ns()
-            thread = self.clock.task_id()
-            own = thread == driver.thread
-            inside = driver.inside and own
-            nested = driver.running > 0
-            driver.callbacks += own
-            if actor.driver.name in self.executors:
-                self.executors[actor.driver.name].note_callback()
-            driver.keep(
-                Event(
-                    registration=registration, kind=int(kind), entity=actor.name, session=driver.name,
-                    context=str(context), process=os.getpid(), thread=thread, driver=driver.thread,
-                    spin=driver.spins if inside else -1, inside_drive=inside, nested=nested, t=t,
-                    wait=driver.wait_in_spin() if inside else 0,
-                    status={name: int(value) for name, value in status._asdict().items()},
-                )
-            )  # fmt: skip
-            driver.running += 1
-            try:
-                self.react(actor, kind, registration)
-            finally:
-                driver.running -= 1
-
-        return on_event
+        """A callback to register."""
+        return StatusCallback(self, actor, registration)
 
     # Messages.
 

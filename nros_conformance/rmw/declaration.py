@@ -147,6 +147,8 @@ class Known(_Part, frozen=True, kw_only=True):
     because: str
     link: str
     versions: str = ""
+    model: str = ""
+    """The deviation of `nros_conformance.model.deviations` that this is, so that ``explore`` knows it again."""
     review: date | None = None
 
 
