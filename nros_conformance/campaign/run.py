@@ -38,7 +38,7 @@ from nros_conformance.report.results import (
     Report,
     ScenarioResult,
     Status,
-    place,
+    folder_for,
     write_report,
 )
 from nros_conformance.rmw.events import EventKind
@@ -78,7 +78,7 @@ class RowRun:
         self.row = row
         self.suites = suites
         self.selection = selection
-        self.results = place(results, row.name, narrowed=selection.narrowed and selection.keys is None)
+        self.results = folder_for(results, row.name, narrowed=selection.narrowed and selection.keys is None)
         self.folder = self.results / row.name
         self._ports = ports
         self._at_once = at_once

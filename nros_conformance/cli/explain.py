@@ -11,7 +11,13 @@ from typing import NamedTuple
 from nros_conformance.cli.codes import ExitCode, repeated
 from nros_conformance.formats.places import nearest
 from nros_conformance.play.peer import LOG
-from nros_conformance.report.explain import explain_cell, explain_requirement, explain_scenario, explain_word
+from nros_conformance.report.explain import (
+    explain_cell,
+    explain_note,
+    explain_requirement,
+    explain_scenario,
+    explain_word,
+)
 from nros_conformance.report.picture import svg
 from nros_conformance.report.results import Report, ReportError, ScenarioResult, read_latest, read_reports
 from nros_conformance.report.table import assemble
@@ -25,11 +31,11 @@ def run(options: argparse.Namespace) -> ExitCode:
     suites = load_suites(options.suites)
     subject: list[str] = options.subject
     if len(subject) > 2:
-        raise ReportError("explain takes [BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend")
+        raise ReportError(
+            "explain takes [BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, a note key, or a word of the legend"
+        )
     word = subject[-1]
-    text = explain_word(word) if len(subject) == 1 else None
-    if text is None and len(subject) == 1 and word in suites.levels:
-        text = explain_requirement(suites.requirements[word], suites.scenarios, _reports_or_none(options))
+    text = _term(options, suites, word) if len(subject) == 1 else None
     if text is None and "/" in word and "." not in word.partition("/")[0]:
         row, _, column = word.partition("/")
         reports = read_reports(options.results)
@@ -38,6 +44,19 @@ def run(options: argparse.Namespace) -> ExitCode:
         raise ReportError("a picture is of one scenario: explain [BACKEND] SCENARIO --svg FILE")
     print(text if text is not None else _scenario(options, suites, subject))
     return ExitCode.OK
+
+
+def _term(options: argparse.Namespace, suites: Suites, word: str) -> str | None:
+    """A requirement, a word of the legend or the key of a note; None for anything else."""
+    reports = _reports_or_none(options)
+    if word in suites.levels:
+        return explain_requirement(
+            suites.requirements[word], suites.scenarios, reports, suites.requirements.sources
+        )  # fmt: skip
+    rows = any(report.available and not report.declaration.control for report in reports)
+    table = assemble(reports, suites.levels) if rows else None
+    note = explain_note(word, table) if table is not None else None
+    return note if note is not None else explain_word(word, table)
 
 
 def _reports_or_none(options: argparse.Namespace) -> Sequence[Report]:
@@ -83,7 +102,8 @@ def _explained(options: argparse.Namespace, suites: Suites, stored: _Stored, ali
     attempt = result.attempts[-1]
     trace = read_trace(folder / report.row / attempt.trace)
     text = explain_scenario(
-        report, result, attempt, trace, {one.id: one for one in suites.requirements}, repeated(options)
+        report, result, attempt, trace, {one.id: one for one in suites.requirements}, repeated(options),
+        suites.requirements.sources,
     )  # fmt: skip
     peer = Path(f"{attempt.trace}.d") / LOG
     if attempt.verdict.verdict != "pass" and (folder / report.row / peer).is_file():

@@ -195,7 +195,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     explain = _command(commands, "explain", "why a scenario or cell says what it says")
     explain.add_argument(
         "subject", nargs="+", metavar="SUBJECT",
-        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
+        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, a note key, or a word of the legend",
     )  # fmt: skip
     explain.add_argument("--svg", type=Path, metavar="FILE", help="also draw the timeline of the scenario")
 

@@ -17,7 +17,7 @@ from nros_conformance.suite.schema import KindName, Profile
 
 FORMAT = 1
 NARROWED = "narrowed"
-"""Folder of a results directory: what `place` keeps apart."""
+"""Folder of a results directory: what `folder_for` keeps apart."""
 
 FILE = "report.json"
 
@@ -211,7 +211,7 @@ def read_reports(directory: Path) -> tuple[Report, ...]:
     return tuple(report for _, report in reports.values())
 
 
-def place(directory: Path, row: str, *, narrowed: bool) -> Path:
+def folder_for(directory: Path, row: str, *, narrowed: bool) -> Path:
     """The results directory for a run of this row: a narrowed run does not replace the results of a whole one."""
     if not narrowed:
         return directory

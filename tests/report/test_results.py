@@ -15,7 +15,7 @@ from nros_conformance.report.results import (
     ReportError,
     decode_report,
     encode_report,
-    place,
+    folder_for,
     read_latest,
     read_report,
     read_reports,
@@ -96,13 +96,13 @@ def test_two_reports_on_one_row_are_both_named(tmp_path: Path) -> None:
 
 def test_a_narrowed_run_leaves_the_results_of_a_whole_one(tmp_path: Path) -> None:
     apart = tmp_path / "narrowed"
-    assert place(tmp_path, "demo", narrowed=True) == tmp_path  # there is nothing to leave
+    assert folder_for(tmp_path, "demo", narrowed=True) == tmp_path  # there is nothing to leave
     write_report(tmp_path, report(narrowed=True))
-    assert place(tmp_path, "demo", narrowed=True) == tmp_path  # a narrowed one replaces another
+    assert folder_for(tmp_path, "demo", narrowed=True) == tmp_path  # a narrowed one replaces another
     whole = report(seconds=2.0)
     write_report(tmp_path, whole)
-    assert place(tmp_path, "demo", narrowed=True) == apart
-    assert place(tmp_path, "demo", narrowed=False) == tmp_path
+    assert folder_for(tmp_path, "demo", narrowed=True) == apart
+    assert folder_for(tmp_path, "demo", narrowed=False) == tmp_path
     few = report(narrowed=True)
     file = write_report(apart, few)
     assert read_reports(tmp_path) == (whole,)
