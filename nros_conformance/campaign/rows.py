@@ -37,11 +37,12 @@ def rows_of(
     the options.
     """
     given = {**found.options, **(options or {})}
-    versions = found.load()(Host(clock=MonotonicClock(), options=given)).versions()
+    backend = found.load()(Host(clock=MonotonicClock(), options=given))
+    versions, lacking = backend.versions(), backend.lacking()
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
         Row(
-            declaration.in_variant(variant), found.adapter, variant, versions, given,
+            declaration.in_variant(variant), found.adapter, variant, versions, given, lacking,
             asked=asked, provisional=found.provisional,
         )
         for variant in variants or [""]
