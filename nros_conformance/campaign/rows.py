@@ -34,11 +34,11 @@ def rows_of(
     """One row for each default variant. ``asked``: the name, or options, by which the backend is found again.
 
     ``options`` are for the adapter. Raises ImportError when its middleware is missing, `RmwError` when it refuses
-    the options.
+    the options, `FormatError` when it is broken.
     """
     given = {**found.options, **(options or {})}
-    backend = found.load()(Host(clock=MonotonicClock(), options=given))
-    versions, lacking = backend.versions(), backend.lacking()
+    host = Host(clock=MonotonicClock(), options=given)
+    versions, lacking = found.versions(host), found.lacking(host)
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
         Row(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ from nros_conformance.judge.judge import judge
 from nros_conformance.judge.results import Verdict
 from nros_conformance.play.faketime import lacking
 from nros_conformance.play.launch import PLAIN, Launch
+from nros_conformance.play.plan import Plan
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
 from nros_conformance.report.differences import differences
 from nros_conformance.report.known import covering, in_force
@@ -44,6 +48,9 @@ from nros_conformance.trace.records import Trace
 AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
+
+OWN_AT_ONCE = 3
+"""Scenarios in processes of their own, at once and beside the others: a thousand cycles are mostly waiting."""
 
 TOGETHER, AT_LEAST = 24, 4
 """All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
@@ -142,15 +149,45 @@ class RowRun:
         wanted = {plan.key: self._to_play[plan.key].scenario.needs.process for plan in plans}
         together = [plan for plan in plans if wanted[plan.key] == "shared"]
         alone = [plan for plan in plans if wanted[plan.key] == "alone"]
+        own = [plan for plan in plans if wanted[plan.key] == "own"]
         # The longest first, so that nothing long is left over at the end.
-        together.sort(key=lambda plan: -plan.expected_ns)
-        if together:
-            pool.play(together, max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2)))
-        if alone:
-            pool.play(alone, 1)
-        for plan in plans:
-            if wanted[plan.key] == "own":
+        for some in (together, own):
+            some.sort(key=lambda plan: -plan.expected_ns)
+        at_once = max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2))
+        with self._beside(pool, own):
+            if together:
+                pool.play(together, at_once)
+            if alone:
+                pool.play(alone, 1)
+
+    @contextlib.contextmanager
+    def _beside(self, pool: Pool, plans: Sequence[Plan]) -> Iterator[None]:
+        """Plays them in a process each while other things go on, or after that where somebody looks at each process."""
+        if self._launch.wrap or self._launch.debug:
+            yield
+            for plan in plans:
                 pool.play([plan], 1)
+            return
+        places = queue.SimpleQueue[int]()
+        for place in range(AT_ONCE, AT_ONCE + OWN_AT_ONCE):
+            places.put(place)
+
+        def play(plan: Plan) -> None:
+            place = places.get()
+            try:
+                pool.play([plan], 1, place)
+            finally:
+                places.put(place)
+
+        with ThreadPoolExecutor(OWN_AT_ONCE, thread_name_prefix=self.row.name) as executor:
+            playing = [executor.submit(play, plan) for plan in plans]
+            try:
+                yield
+            except BaseException:
+                executor.shutdown(wait=False, cancel_futures=True)
+                raise
+            for each in playing:
+                each.result()
 
     def _ended(self, ended: Ended) -> None:
         one = self._to_play[ended.plan.key]

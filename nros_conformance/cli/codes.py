@@ -32,9 +32,10 @@ def strongest(codes: Iterable[ExitCode]) -> ExitCode:
 def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions whose text is the whole message: somebody gave us something that cannot be used."""
     from nros_conformance.campaign.selection import SelectionError
-    from nros_conformance.explore.explore import HypothesisMissing
+    from nros_conformance.explore.search import HypothesisMissing
     from nros_conformance.play.leases import NoPorts
+    from nros_conformance.play.pool import WorkerBroken
     from nros_conformance.report.results import ReportError
     from nros_conformance.scaffold.project import ScaffoldError
 
-    return (SelectionError, NoPorts, ReportError, HypothesisMissing, ScaffoldError)
+    return (SelectionError, NoPorts, ReportError, HypothesisMissing, ScaffoldError, WorkerBroken)

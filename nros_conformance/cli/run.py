@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from nros_conformance import __version__
-from nros_conformance.campaign.control import run_control
+from nros_conformance.campaign.control import ControlFailed, run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.rows import find_rows, rows_of, with_known
@@ -24,7 +24,7 @@ from nros_conformance.cli import native
 from nros_conformance.cli.codes import ExitCode, strongest
 from nros_conformance.cli.declare import refused
 from nros_conformance.cli.progress import ProgressLine
-from nros_conformance.formats.places import FormatError
+from nros_conformance.formats.places import FormatError, nearest
 from nros_conformance.play.launch import Launch
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
@@ -62,12 +62,18 @@ def run(options: argparse.Namespace) -> ExitCode:
             backends.append(library.found)
     if not backends:
         return strongest([*codes, ExitCode.NOTHING])
+    _check_options(options, backends)
     rows = [row for found in backends for row in _rows(found, suites, options)]
     say = _say if not options.json else _silent
     say(terminal.opening(__version__, suites, selection, len(chosen)))
     say(f"host     {check_host()}")
-    control = _control(suites, selection, options, say)
+    try:
+        control = _control(suites, selection, options, say)
+    except ControlFailed as error:
+        print(f"nros-conformance: {error}", file=sys.stderr)
+        return ExitCode.INTERNAL
     if not control.ok:
+        say(f"\n{terminal.without_control(control)}")
         return ExitCode.INTERNAL
     for line in library.says if library is not None else ():
         say(f"{'native':<8} {line}")
@@ -134,9 +140,14 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
         assert one.declaration is not None
         if one.declaration.control and not names:
             continue
-        lacking = one.unavailable()
+        try:
+            lacking = one.unavailable()
+        except FormatError as error:  # one broken adapter is no reason to leave out the others
+            print(f"nros-conformance: {error}", file=sys.stderr)
+            codes.append(ExitCode.USAGE)
+            continue
         if lacking is not None:
-            print(f"{one.name:<8} missing: {lacking.reason}; install it: {lacking.install}", file=sys.stderr)
+            print(f"{one.name:<8} missing: {lacking}", file=sys.stderr)
             if names:
                 codes.append(ExitCode.NOTHING)
             continue
@@ -165,6 +176,20 @@ def host_options(options: argparse.Namespace) -> dict[str, str]:
         if "=" not in one:
             raise FormatError("--option", None, f"{one!r} is not NAME=VALUE", "write --option agent=127.0.0.1:8888")
     return dict(one.split("=", 1) for one in given)
+
+
+def _check_options(options: argparse.Namespace, backends: Sequence[Found]) -> None:
+    """Refuse an option that no backend takes: it would be a typing error that nobody notices."""
+    named = {found.name: found.load().option_names for found in backends}
+    if options.backend and None in named.values():
+        return
+    known = sorted({name for names in named.values() for name in names or ()})
+    for name in host_options(options):
+        if name not in known:
+            raise FormatError(
+                "--option", None, f"{', '.join(named)} {'takes' if len(named) == 1 else 'take'} no option {name!r}",
+                nearest(name, known),
+            )  # fmt: skip
 
 
 def _launch(options: argparse.Namespace) -> Launch:

@@ -1,206 +1,180 @@
-"""Searches for a timeline that a backend plays otherwise than the model, and shrinks it."""
+"""Searches for timelines that a backend plays otherwise than the model, or than another backend."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import re
+from collections import Counter
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import msgspec
-
-from nros_conformance.campaign.plans import Row, make_plan
-from nros_conformance.explore.timelines import VERBS, Action, Timeline, scenario
-from nros_conformance.judge.judge import judge
+from nros_conformance.explore.search import generate, shrink, size
+from nros_conformance.explore.stand import Outcome, Stand
+from nros_conformance.explore.timelines import Timeline
 from nros_conformance.judge.results import Verdict
-from nros_conformance.play.player import play
-from nros_conformance.rmw.backend import Backend
-from nros_conformance.rmw.clock import MS, Deadlock, MonotonicClock, VirtualClock
-from nros_conformance.rmw.events import EventKind
-from nros_conformance.suite.loader import Loaded, Suites, typed
-from nros_conformance.trace.records import AnyRecord, End, Header, Trace
 
-if TYPE_CHECKING:
-    from hypothesis.strategies import SearchStrategy
+PLAYS, ENOUGH = 3, 2
+"""On the real clock a timeline departs from the model when it does so in so many of so many plays."""
 
-SLACK_NS = {"virtual": 30 * MS, "real": 45 * MS}
-"""By how much a play may be behind its timeline: creating four entities and pausing, each up to a drive of 5 ms; on
-the real clock as much again as the judge allows for, and a drive."""
+CANDIDATES = 6
+"""Timelines that are played again, the shortest first, before a failure counts as one that does not come back."""
 
-COMPOSED = "x.explored"
-_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*( [-+] [0-9.]+T)?|[0-9.]+(T|ms)")
+Watch = Callable[[str, int, int], None]
+"""``watch(doing, done, total)``."""
 
 
-class HypothesisMissing(Exception):
-    """The optional package is not installed; the text says how to install it."""
-
-    def __init__(self) -> None:
-        super().__init__('explore needs hypothesis; install it: pip install "nros-conformance[explore]"')
-
-
-class _Violation(Exception):
-    """Tells Hypothesis that an example fails."""
+def _quietly(_doing: str, _done: int, _total: int) -> None:
+    pass
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Deviation:
-    """The shortest timeline that was found, its scenario, and what the judge says."""
+    """The shortest timeline that was found, its scenario, what the judge says, and how many others failed alike."""
 
     timeline: Timeline
     scenario: dict[str, Any]
     verdict: Verdict
+    others: int = 0
 
 
 @dataclasses.dataclass(slots=True)
 class Search:
-    """What came of it. ``played`` counts the shrinking too."""
+    """What came of it. ``plays`` counts those of repeating and shrinking too.
 
-    played: int = 0
-    found: Deviation | None = None
+    ``known``: by the key of the known deviation, how many timelines showed it. ``once``: what failed and did not do
+    so again, by cause.
+    """
 
-
-class Stand:
-    """A backend on which timelines are played."""
-
-    def __init__(self, row: Row, adapter: type[Backend], suites: Suites) -> None:
-        self.row = row
-        self.adapter = adapter
-        self.suites = suites
-        declaration = row.declaration
-        self.kinds = tuple(kind for kind in EventKind if declaration.claims()[kind.label] != "no")
-        self.verbs = tuple(
-            verb for verb in VERBS
-            if (verb != "lose" or "lose" in declaration.faults)
-            and (verb != "assert" or declaration.event(EventKind.LIVELINESS_LOST).manual)
-        )  # fmt: skip
-        self.slack_ns = SLACK_NS["virtual" if row.virtual else "real"]
-
-    def compose(self, timeline: Timeline) -> dict[str, Any]:
-        """The scenario of a timeline."""
-        return scenario(timeline, slack_ns=self.slack_ns)
-
-    def play(self, timeline: Timeline) -> Verdict:
-        """Play and judge it."""
-        raw = self.compose(timeline)
-        one = Loaded(COMPOSED, typed(raw), raw, "explored", "", {})
-        plan = make_plan(one, self.row, self.suites, Path())
-        records: list[Header | AnyRecord] = []
-        if self.row.virtual:
-            clock = VirtualClock()
-            try:
-                clock.run(lambda: play(plan, self.adapter, clock, records.append))
-            except Deadlock as deadlock:
-                records.append(End(outcome="hang", t=clock.now_ns(), detail=str(deadlock)))
-        else:
-            play(plan, self.adapter, MonotonicClock(), records.append)
-        header, *rest = records
-        assert isinstance(header, Header)
-        return judge(Trace(header, tuple(rest)))  # type: ignore[arg-type]
+    timelines: int
+    found: list[Deviation] = dataclasses.field(default_factory=list)
+    known: Counter[str] = dataclasses.field(default_factory=Counter)
+    once: Counter[str] = dataclasses.field(default_factory=Counter)
+    unclear: int = 0
+    plays: int = 0
 
 
-def explore(stand: Stand, examples: int, seed: int, watch: Callable[[int], None] = lambda played: None) -> Search:
-    """Play so many generated timelines, or until one fails; that one is shrunk. The same seed, the same search.
+def explore(stand: Stand, examples: int, seed: int, watch: Watch = _quietly) -> Search:
+    """Play so many generated timelines; of each cause of failure the shortest timeline is shrunk.
 
     Raises `HypothesisMissing`.
     """
-    search = Search()
-
-    def one(timeline: Timeline) -> None:
-        timeline = timeline.sensible()
-        search.played += 1
-        watch(search.played)
-        verdict = stand.play(timeline)
-        if verdict.verdict == "fail":
-            search.found = Deviation(timeline, stand.compose(timeline), verdict)
-            raise _Violation
-
-    with contextlib.suppress(_Violation):
-        _run(one, stand.kinds, stand.verbs, examples, seed)
+    timelines = generate(stand.cast, examples, seed)
+    before, search = stand.played, Search(len(timelines))
+    failing: dict[str, list[Timeline]] = {}
+    for timeline, outcome in zip(timelines, _all(stand, timelines, watch), strict=True):
+        search.unclear += outcome.unclear
+        if outcome.known:
+            search.known[outcome.known] += 1
+        elif outcome.fails:
+            failing.setdefault(outcome.cause, []).append(timeline)
+    for cause, guilty in sorted(failing.items()):
+        alike = _Alike(stand, lambda outcome, cause=cause: outcome.fails and outcome.cause == cause)  # type: ignore[misc]
+        first = next((one for one in sorted(guilty, key=size)[:CANDIDATES] if alike([one], failed=1)[0]), None)
+        if first is None:
+            search.once[cause] += len(guilty)
+            continue
+        watch(f"shrink {cause}", 0, 1)
+        shortest = shrink(first, alike, len(timelines) if stand.at_once > 1 else 1)
+        raw = stand.compose(shortest, f"x.{stand.name}-{len(search.found) + 1}")
+        search.found.append(Deviation(shortest, raw, alike.last[shortest], len(guilty) - 1))
+    search.plays = stand.played - before
     return search
 
 
-def compare(first: Stand, second: Stand, examples: int, seed: int) -> dict[str, tuple[int, int, Timeline]]:
-    """The same timelines on two backends: how often each failed on a requirement where the other one did not.
+def _all(stand: Stand, timelines: Sequence[Timeline], watch: Watch) -> list[Outcome]:
+    done = 0
 
-    With the shortest timeline that shows it. Only what both claim and can do is played.
+    def step() -> None:
+        nonlocal done
+        done += 1
+        watch(stand.name, done, len(timelines))
+
+    return stand.play(timelines, step)
+
+
+class _Alike:
+    """Says which timelines fail in a given way; ``last`` is what the judge said last of each that did."""
+
+    def __init__(self, stand: Stand, guilty: Callable[[Outcome], bool]) -> None:
+        self._stand = stand
+        self.guilty = guilty
+        self.last: dict[Timeline, Verdict] = {}
+
+    def __call__(self, timelines: Sequence[Timeline], failed: int = 0) -> list[bool]:
+        """``failed``: so often they have failed already, in as many plays. Who does not fail at first is fine."""
+        times = dict.fromkeys(timelines, failed)
+        plays, enough = (1 + failed, 1 + failed) if self._stand.row.virtual else (PLAYS, ENOUGH)
+        for number in range(failed, plays):
+            again = [
+                one for one, so_far in times.items()
+                if so_far < enough and so_far >= number - (plays - enough) and (so_far or not number)
+            ]  # fmt: skip
+            for one, outcome in zip(again, self._stand.play(again) if again else [], strict=True):
+                if self.guilty(outcome):
+                    times[one] += 1
+                    self.last[one] = outcome.verdict
+        return [times[one] >= enough for one in timelines]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Difference:
+    """What one backend does otherwise than the model, and the other one does not.
+
+    ``by``: which one; ``times``: in how many timelines; ``known``: the known deviation that it is.
     """
-    differences: dict[str, tuple[int, int, Timeline]] = {}
 
-    def one(timeline: Timeline) -> None:
-        timeline = timeline.sensible()
-        failed = [_failed(stand.play(timeline)) for stand in (first, second)]
-        for requirement in failed[0] ^ failed[1]:
-            here, there, shortest = differences.get(requirement, (0, 0, timeline))
-            shortest = min(shortest, timeline, key=lambda one: len(one.actions))
-            fails = [requirement in one for one in failed]
-            differences[requirement] = here + fails[0], there + fails[1], shortest
-
-    kinds = tuple(kind for kind in first.kinds if kind in second.kinds)
-    _run(one, kinds, tuple(verb for verb in first.verbs if verb in second.verbs), examples, seed)
-    return dict(sorted(differences.items()))
+    requirement: str
+    by: str
+    times: int
+    timeline: Timeline
+    verdict: Verdict
+    known: str = ""
 
 
-def _failed(verdict: Verdict) -> frozenset[str]:
-    return frozenset(id_ for finding in verdict.failed() for id_ in finding.proves)
+@dataclasses.dataclass(slots=True)
+class Comparison:
+    """What two backends do differently. ``unclear``: timelines that one of the two left open."""
+
+    timelines: int
+    differences: list[Difference] = dataclasses.field(default_factory=list)
+    once: Counter[str] = dataclasses.field(default_factory=Counter)
+    unclear: int = 0
 
 
-def _run(
-    one: Callable[[Timeline], None], kinds: Sequence[EventKind], verbs: Sequence[str], examples: int, seed: int
-) -> None:
-    try:
-        import hypothesis
-    except ImportError:
-        raise HypothesisMissing from None
-    settings = hypothesis.settings(
-        max_examples=examples, database=None, deadline=None, print_blob=False,
-        phases=(hypothesis.Phase.generate, hypothesis.Phase.shrink), report_multiple_bugs=False,
-        suppress_health_check=tuple(hypothesis.HealthCheck), verbosity=hypothesis.Verbosity.quiet,
-    )  # fmt: skip
-    hypothesis.seed(seed)(settings(hypothesis.given(_timelines(kinds, verbs))(one)))()
+def compare(first: Stand, second: Stand, examples: int, seed: int, watch: Watch = _quietly) -> Comparison:
+    """The same timelines on two backends; what only one of them claims or can do is left out.
 
+    Raises `HypothesisMissing`.
+    """
+    first.cast = second.cast = first.cast.shared(second.cast)
+    timelines = generate(first.cast, examples, seed)
+    comparison = Comparison(len(timelines))
+    outcomes = {stand: _all(stand, timelines, watch) for stand in (first, second)}
+    guilty: dict[tuple[str, Stand, str], list[Timeline]] = {}
+    for timeline, here, there in zip(timelines, outcomes[first], outcomes[second], strict=True):
+        if here.unclear or there.unclear:
+            comparison.unclear += 1
+            continue
+        for stand, mine, other in ((first, here, there), (second, there, here)):
+            for requirement in mine.requirements - other.requirements:
+                guilty.setdefault((requirement, stand, mine.known), []).append(timeline)
+    for (requirement, stand, known), found in guilty.items():
+        watch(f"repeat {requirement}", 0, 1)
+        alike = _Alike(stand, lambda outcome, wanted=requirement: wanted in outcome.requirements)  # type: ignore[misc]
+        unlike = _Alike(second if stand is first else first, alike.guilty)
 
-def _timelines(kinds: Sequence[EventKind], verbs: Sequence[str]) -> SearchStrategy[Timeline]:
-    from hypothesis import strategies
+        def alone(
+            batch: Sequence[Timeline], failed: int = 0, alike: _Alike = alike, unlike: _Alike = unlike
+        ) -> list[bool]:
+            guilty = [one for one, bad in zip(batch, alike(batch, failed), strict=True) if bad]
+            both = {one for one, bad in zip(guilty, unlike(guilty), strict=True) if bad}
+            return [one in guilty and one not in both for one in batch]
 
-    most = {"drive": 6, "idle": 8, "publish": 6, "lose": 4}
-    what = [(verb, subject) for verb in verbs for subject in VERBS[verb]]
-    what += [one for one in what if one[0] in ("drive", "idle", "publish", "lose")] * 2  # what most is about
-    actions = strategies.sampled_from(what).flatmap(
-        lambda one: strategies.builds(
-            Action, strategies.just(one[0]), strategies.just(one[1]), strategies.integers(1, most.get(one[0], 1))
-        )
-    )
-    together = tuple(kinds)
-    registered = strategies.sampled_from([together, *((kind,) for kind in kinds), *[together] * len(kinds)])
-    length = strategies.sampled_from([0, 6])  # left alone, most lists are very short
-    return strategies.builds(
-        Timeline,
-        length.flatmap(lambda least: strategies.lists(actions, min_size=least, max_size=14)).map(tuple),
-        registered,
-    )
-
-
-def as_suite(deviation: Deviation) -> str:
-    """A suite file with the one scenario, ready to be played."""
-    raw = deviation.scenario
-    lines = [
-        "suite: explored", "title: What exploring has found", "scenarios:", f"  - id: {raw['id']}",
-        f"    title: {raw['title']}", f"    scale: {_flow(raw['scale'])}", f"    sessions: {_flow(raw['sessions'])}",
-        "    entities:",
-    ]  # fmt: skip
-    lines += [f"      {name}: {_flow(entity)}" for name, entity in raw["entities"].items()]
-    for part in ("script", "expect"):
-        lines += [f"    {part}:", *(f"      - {_flow(step)}" for step in raw[part])]
-    return "\n".join(lines) + "\n"
-
-
-def _flow(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_flow(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    if isinstance(value, str) and _PLAIN.fullmatch(value):
-        return value
-    return msgspec.json.encode(value).decode()
+        one = next((one for one in sorted(found, key=size)[:CANDIDATES] if alone([one], 1)[0]), None)
+        if one is None:
+            comparison.once[requirement] += len(found)
+            continue
+        shortest = shrink(one, alone, len(timelines) if stand.at_once > 1 else 1)
+        verdict = alike.last[shortest]
+        comparison.differences.append(Difference(requirement, stand.name, len(found), shortest, verdict, known))
+    comparison.differences.sort(key=lambda one: (one.requirement, one.by))
+    return comparison

@@ -7,13 +7,23 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from nros_conformance.explore.cast import (
+    DEADLINE_MS,
+    DEPTH,
+    ENTITIES,
+    LEASE_MS,
+    PUBLISHERS,
+    SUBSCRIPTIONS,
+    TIME,
+    Cast,
+)
 from nros_conformance.model.world import Id, Occurrence, World
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.events import EventKind, Side
-from nros_conformance.rmw.qos import Liveliness, QosProfile
+from nros_conformance.trace.records import Act, AnyRecord, FaultRecord
 
 T = 100 * MS
 TICK = T // 2
@@ -21,24 +31,13 @@ LOOK = 3 * T // 10
 """So long before the next action the numbers are looked at: each step of time ends 0.2T early, so that one that
 began late delays nothing, and the look is 0.1T before its end."""
 
-DEADLINE_MS, LEASE_MS, DEPTH = 127, 213, 4
-
-PUBLISHERS = {"steady": QosProfile(depth=16), "manual": QosProfile(
-    depth=16, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE_MS)}  # fmt: skip
-SUBSCRIPTIONS = {"first": QosProfile(depth=DEPTH), "second": QosProfile(depth=DEPTH)}
-ENTITIES = (*PUBLISHERS, *SUBSCRIPTIONS)
-
-TIME = ("drive", "idle")
-VERBS: dict[str, tuple[str, ...]] = {
-    "drive": ("",), "idle": ("",), "publish": tuple(PUBLISHERS), "assert": ("manual",), "lose": tuple(PUBLISHERS),
-    "take": tuple(SUBSCRIPTIONS), "destroy": ENTITIES, "create": ENTITIES, "register": tuple(SUBSCRIPTIONS),
-}  # fmt: skip
-"""What can be done, and to whom."""
-
 BY_TIME = (
     EventKind.REQUESTED_DEADLINE_MISSED, EventKind.LIVELINESS_LOST, EventKind.OFFERED_DEADLINE_MISSED,
 )  # fmt: skip
 """What happens by itself."""
+
+FULL = Cast()
+"""Everything, as the reference does it."""
 
 AT_ONCE = 4
 """Actions without time between them: each waits for a drive of 5 ms, and what they are late by has to fit into the
@@ -72,9 +71,9 @@ class Timeline:
     def sensible(self) -> Timeline:
         """The same without what cannot be done: using or destroying what is not there, creating what is.
 
-        Time passes after so many actions at once.
+        Time passes after so many actions at once, and before a sample is sent to, or by, one that was just created.
         """
-        alive, late, at_once = set(ENTITIES), set(SUBSCRIPTIONS), 0
+        alive, late, at_once, young = set(ENTITIES), set(SUBSCRIPTIONS), 0, False
         kept: list[Action] = []
         for action in self.actions:
             verb, subject = action.verb, action.subject
@@ -85,12 +84,13 @@ class Timeline:
             alive ^= {subject} if verb in ("create", "destroy") else set()
             late -= {subject} if verb in ("register", "destroy") else set()
             if verb in TIME:
-                at_once = 0
-            elif at_once == AT_ONCE:
+                at_once, young = 0, False
+            elif at_once == AT_ONCE or (young and verb in ("publish", "lose")):
                 kept.append(Action("drive"))
-                at_once = 1
+                at_once, young = 1, False
             else:
                 at_once += 1
+            young |= verb == "create"
             kept.append(action)
         return dataclasses.replace(self, actions=tuple(kept))
 
@@ -98,11 +98,12 @@ class Timeline:
 class _Told:
     """What the model says happens, when and to whom."""
 
-    def __init__(self, kinds: Sequence[EventKind], slack_ns: int) -> None:
+    def __init__(self, kinds: Sequence[EventKind], slack_ns: int, cast: Cast, world: type[World]) -> None:
         self.slack_ns = slack_ns
-        self.world = World()
+        self.world = world()
         self.now = 0
         self.kinds = kinds
+        self.cast = cast
         self.happened: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
         self.perhaps: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
         """What happened, and what did not, so close to an action that a late one may change it."""
@@ -123,10 +124,10 @@ class _Told:
         self._ids[name], self._names[id_] = id_, name
         topic = (0, "t", "T")
         if name in PUBLISHERS:
-            self.note(self.world.create_publisher(id_, topic, "pub", PUBLISHERS[name], self.now))
+            self.note(self.world.create_publisher(id_, topic, "pub", self.cast.qos(name), self.now))
             deadline = EventKind.OFFERED_DEADLINE_MISSED
         else:
-            self.note(self.world.create_subscription(id_, topic, SUBSCRIPTIONS[name], self.now))
+            self.note(self.world.create_subscription(id_, topic, self.cast.qos(name), self.now))
             deadline = EventKind.REQUESTED_DEADLINE_MISSED
         if deadline in self.kinds:
             self.world.set_deadline(id_, DEADLINE_MS)
@@ -186,13 +187,15 @@ class _Told:
         return tuple(map(sum, zip(*changes, strict=True))) if changes else (0, 0)
 
 
-def scenario(timeline: Timeline, *, slack_ns: int = 0, id_: str = "x.explored") -> dict[str, Any]:
+def scenario(
+    timeline: Timeline, *, slack_ns: int = 0, id_: str = "x.explored", cast: Cast = FULL, world: type[World] = World
+) -> dict[str, Any]:
     """The timeline as a scenario in the suites' notation, with what the model says about it as expectations.
 
     ``slack_ns``: by how much the play may be behind the timeline. Calls wait for a background drive to end, so
-    it is never 0; nothing adds up, because every step has its time.
+    it is never 0; nothing adds up, because every step has its time. ``world``: the model that is asked.
     """
-    told = _Told(timeline.kinds, slack_ns)
+    told = _Told(timeline.kinds, slack_ns, cast, world)
     script: list[Any] = ["settle", {"drive": "0.5T", "as": "go"}]
     told.do(Action("drive"))
     looks: list[tuple[_Told, str, int, dict[str, int], set[str]]] = []
@@ -205,15 +208,18 @@ def scenario(timeline: Timeline, *, slack_ns: int = 0, id_: str = "x.explored") 
         told.do(action)
         gone = {one for one in ENTITIES if _gone(timeline.actions[: index + 1], one)}
         script.append(_step(action, label) | {"at": begin})
+        if action.verb == "create":
+            script.append("settle")
         if action.verb == "drive":
             looks.append((told.ahead(), label, told.now - LOOK, dict(born), gone))
+    script.append({"drive": "0.4T"})  # so that what is judged at the last look can still be late
     expect = [one for look in looks for one in _expectations(*look, slack_ns)]
     registered = {side: [kind.label for kind in timeline.kinds if kind.side is side] for side in Side}
     entities: dict[str, Any] = {}
     for name in ENTITIES:
         side = Side.PUBLISHER if name in PUBLISHERS else Side.SUBSCRIPTION
         qos: dict[str, Any] = {"depth": 16} if name in PUBLISHERS else {"depth": DEPTH}
-        if name == "manual":
+        if cast.qos(name).lease_ms:
             qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS}ms"}
         entities[name] = {side.value: "sensor", "qos": qos, "register": registered[side] or "none"}
         entities[name]["registration_deadline"] = f"{DEADLINE_MS}ms"
@@ -222,6 +228,24 @@ def scenario(timeline: Timeline, *, slack_ns: int = 0, id_: str = "x.explored") 
         "sessions": {name: {"slice": "5ms"} for name in ("pub", "sub")}, "entities": entities,
         "script": script, "expect": expect,
     }  # fmt: skip
+
+
+def behind_ns(timeline: Timeline, records: Iterable[AnyRecord]) -> int:
+    """By how much a play was behind its timeline at most; 0 when it did not even begin."""
+    due, now = {}, 0
+    for index, action in enumerate(timeline.actions):
+        lasts = action.count * TICK if action.verb in TIME else 0
+        due[f"a{index}"] = now + lasts - (T // 5 if lasts else 0)
+        now += lasts
+    begun, worst = None, 0
+    for one in records:
+        if not isinstance(one, Act | FaultRecord):
+            continue
+        if one.label == "go":
+            begun = one.end
+        elif begun is not None and one.label in due:
+            worst = max(worst, one.end - begun - due[one.label])
+    return worst
 
 
 def _gone(actions: Sequence[Action], name: str) -> bool:
@@ -258,7 +282,7 @@ def _expectations(
 ) -> Iterator[dict[str, Any]]:
     for kind in told.kinds:
         for name in PUBLISHERS if kind.side is Side.PUBLISHER else SUBSCRIPTIONS:
-            if name in gone or (kind is EventKind.LIVELINESS_LOST and name != "manual"):
+            if name in gone or (kind is EventKind.LIVELINESS_LOST and not told.cast.qos(name).lease_ms):
                 continue
             if kind is EventKind.LIVELINESS_CHANGED:
                 numbers = {told.total(name, kind, at + shift, born[name])[0] for shift in (-slack_ns, 0, slack_ns)}

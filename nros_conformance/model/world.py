@@ -383,7 +383,7 @@ def matches(offered: Topic, publisher: QosProfile, requested: Topic, subscriptio
         and publisher.reliability >= subscription.reliability
         and publisher.durability >= subscription.durability
         and _period(publisher.deadline_ms) <= _period(subscription.deadline_ms)
-        and max(publisher.liveliness, Liveliness.AUTOMATIC) >= subscription.liveliness
+        and publisher.liveliness.strength >= subscription.liveliness.strength
         and _period(publisher.lease_ms) <= _period(subscription.lease_ms)
     )
 

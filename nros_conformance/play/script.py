@@ -10,12 +10,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from nros_conformance.play import payload
+from nros_conformance.play.actors import Actor
 from nros_conformance.play.cycles import CycleSum
 from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
 from nros_conformance.play.process import QUANTITIES
 from nros_conformance.play.settling import settle
-from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.play.stage import Stage
 from nros_conformance.play.waiting import Waiting
 from nros_conformance.rmw.backend import Listed, Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS
@@ -317,7 +318,8 @@ class Script:
             case schema.Assert():
                 return "assert", args, lambda: int(_publisher(actor).assert_liveliness())
             case schema.Take():
-                return "take", {"max": step.max, "size": step.size}, lambda: stage.take(actor, step.max, step.size)
+                limits = {"max": step.max, "size": step.size}
+                return "take", limits, lambda: stage.messages.take(actor, step.max, step.size)
             case schema.HasData():
                 return "has_data", args, lambda: _plain(_subscription(actor).has_data())
             case schema.Supports():

@@ -9,7 +9,7 @@ from typing import Protocol, TypeAlias
 
 from nros_conformance.report.columns import Column
 from nros_conformance.report.evidence import evidence
-from nros_conformance.report.results import Report, ScenarioResult
+from nros_conformance.report.results import Control, Report, ScenarioResult
 from nros_conformance.report.table import Row, Table, assemble
 from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.rmw.events import EventKind
@@ -78,6 +78,18 @@ def closing(reports: Sequence[Report], levels: Mapping[str, str], results: Path,
     if not selection.narrowed and selection.profile != "publish":
         lines.append("next     nros-conformance matrix   (a published matrix needs --profile publish)")
     return "\n".join(lines)
+
+
+def without_control(control: Control) -> str:
+    """Why nothing was played: a run that cannot be shown to fail proves nothing."""
+    if "unclear" in control.planted:
+        return "exit 3: this host was too busy for the control, so nothing was played; run again when it is less loaded"
+    if control.planted:
+        return "exit 3: a planted defect went unnoticed, so nothing was played; please report it with the lines above"
+    return (
+        "exit 3: the reference does not pass, so nothing was played; with suites of your own mend the scenario "
+        "that the control names, else please report it"
+    )
 
 
 def meaning(code: int, reports: Sequence[Report]) -> str:

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
@@ -195,6 +195,9 @@ class Environment:
 
 class Backend(abc.ABC):
     """One middleware. A fresh instance plays each scenario."""
+
+    option_names: ClassVar[Collection[str] | None] = ()
+    """What ``--option NAME=VALUE`` may set in `Host.options`; None: any name, the adapter hands them on."""
 
     def __init__(self, host: Host) -> None:
         self.host = host

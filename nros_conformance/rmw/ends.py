@@ -59,6 +59,18 @@ class ClockedEnd(Entity, abc.ABC):
         """When its deadline has to be looked at next."""
         return NEVER if self.deadline is None else self.deadline.next_due_ns
 
+    def moved(self, at_ns: int) -> None:
+        """A sample came, respectively went, at ``at_ns``: the period begins anew."""
+        self.last_ns = at_ns
+        if self.deadline is not None:
+            self.deadline.restart(at_ns)
+
+    def poll(self, now_ns: int) -> None:
+        """Count the deadlines missed by ``now_ns``, and queue the callbacks of what has become ready."""
+        if self.deadline is not None:
+            self.deadline.update(now_ns)
+        self.registry.poll()
+
     def _time(self, period_ns: int) -> None:
         """Start the clock, or change its period. Periods before that do not count."""
         now = self._clock.now_ns()

@@ -49,6 +49,20 @@ class Liveliness(enum.IntEnum):
         """Whether the application itself has to assert."""
         return self >= Liveliness.MANUAL_BY_TOPIC
 
+    @property
+    def strength(self) -> int:
+        """How much it offers, or asks for (DDS 1.4, 2.2.3.11): by topic more than by node, unlike its number.
+
+        NONE is AUTOMATIC with an infinite lease.
+
+        >>> Liveliness.MANUAL_BY_TOPIC.strength > Liveliness.MANUAL_BY_NODE.strength > Liveliness.AUTOMATIC.strength
+        True
+        """
+        return _STRENGTH[self]
+
+
+_STRENGTH = {Liveliness.NONE: 0, Liveliness.AUTOMATIC: 0, Liveliness.MANUAL_BY_NODE: 1, Liveliness.MANUAL_BY_TOPIC: 2}
+
 
 def is_finite(duration_ms: int) -> bool:
     """Whether a QoS duration asks for a check at all: neither 0 nor ``INFINITE_MS``."""

@@ -25,8 +25,10 @@ from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.detection import DeadlineClock, GapTracker, LivelinessTally, Source
 from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.events import EventCallback, EventKind
-from nros_conformance.rmw.qos import History, QosProfile, is_finite
+from nros_conformance.rmw.qos import QosProfile, is_finite
+from nros_conformance.rmw.receive_queue import ReceiveQueue
 
 _Q = TypeVar("_Q", bound="_QueuedEntity")
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
@@ -47,6 +49,7 @@ class QueuedSession(Session):
         """Raised from any thread when there is something to look at."""
         self.entities: dict[_QueuedEntity, None] = {}
         self.closed = False
+        self._driving = Driving(clock)
 
     def admit(self, topic: str, type_name: str, qos: QosProfile) -> None:
         """Refuse, by raising `RmwError`, what else cannot be created, such as a topic of another type."""
@@ -65,23 +68,9 @@ class QueuedSession(Session):
 
         A sample ends the waiting once, when it arrives. A negative timeout is none (C10).
         """
-        whole = isinstance(timeout_ms, int) and (max_callbacks is None or isinstance(max_callbacks, int))
-        if self.closed or not whole or (max_callbacks or 0) < 0:
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if self.ready.busy:
-            return ReturnCode.WOULD_BLOCK
-        until_ns = self.clock.now_ns() + max(timeout_ms, 0) * MS
-        while not self.closed:
-            woken = self.wake.is_set()
-            self.wake.clear()
-            for entity in tuple(self.entities):
-                entity.look()
-            # The last look comes after the last wait: what fell due meanwhile belongs to this call (DSP-007).
-            if self.ready.drain(max_callbacks) or woken or self.clock.now_ns() >= until_ns:
-                break
-            due_ns = min((entity.next_due_ns for entity in self.entities), default=NEVER)
-            self.clock.wait(self.wake, min(until_ns, due_ns))
-        return ReturnCode.OK
+        return self._driving.drive(timeout_ms, max_callbacks, self._drive)
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         return ReturnCode.INVALID_ARGUMENT if self.closed else super().ping(timeout_ms, attempts)
@@ -94,6 +83,18 @@ class QueuedSession(Session):
             self.leave()
             self.wake.set()
         return ReturnCode.OK
+
+    def _drive(self, until_ns: int, max_callbacks: int | None) -> None:
+        while not self.closed:
+            woken = self.wake.is_set()
+            self.wake.clear()
+            for entity in tuple(self.entities):
+                entity.look()
+            # The last look comes after the last wait: what fell due meanwhile belongs to this call (DSP-007).
+            if self.ready.drain(max_callbacks) or woken or self.clock.now_ns() >= until_ns:
+                return
+            due_ns = min((entity.next_due_ns for entity in self.entities), default=NEVER)
+            self.clock.wait(self.wake, min(until_ns, due_ns))
 
     def _entered(self, entity: _Q) -> _Q:
         entity.enter()
@@ -218,9 +219,8 @@ class QueuedSubscription(_QueuedEntity, Subscription):
         self._lock = threading.Lock()
         self._arrivals: deque[_Arrival] = deque()
         self._living: deque[tuple[int, int, int]] = deque()
-        self._waiting: deque[_Arrival] = deque()
-        self._taken = 0  # how many have left the queue, taken or lost: the number of the oldest that waits
         super().__init__(session, topic, type_name, qos)
+        self._waiting = ReceiveQueue(qos, self.registry, session.clock)
 
     def received(self, data: bytes, publisher: Hashable = None, sequence: int | None = None) -> None:
         """A sample has arrived. ``sequence`` numbers the samples of a ``publisher``, modulo 2**32."""
@@ -254,29 +254,18 @@ class QueuedSubscription(_QueuedEntity, Subscription):
         self.registry.poll()
 
     def has_data(self) -> bool | int:
-        if self.registry.closed:
-            return ReturnCode.INVALID_ARGUMENT
         self.look()
-        return bool(self._waiting)
+        return self._waiting.has_data()
 
     def try_recv_raw(self, max_size: int) -> bytes | int:
         """The oldest sample. One that is larger than ``max_size`` is dropped, and counts as lost (ROB-002)."""
-        if self.registry.closed or not isinstance(max_size, int) or max_size < 0:
-            return ReturnCode.INVALID_ARGUMENT
         self.look()
-        if not self._waiting:
-            return ReturnCode.NO_DATA
-        oldest = self._waiting.popleft()
-        self._taken += 1
-        if len(oldest.data) > max_size:
-            self._lost(self.session.clock.now_ns())
-            return ReturnCode.BUFFER_TOO_SMALL
-        return oldest.data
+        taken = self._waiting.try_recv_raw(max_size)
+        self._lost(self._waiting.dropped(), self.session.clock.now_ns())
+        return taken
 
     def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
-        code = self.registry.set_message_callback(callback, context)
-        for number, waiting in enumerate(self._waiting, self._taken):
-            self._announce(waiting, number)
+        code = self._waiting.set_message_callback(callback, context)
         self.session.wake.set()
         return code
 
@@ -285,19 +274,12 @@ class QueuedSubscription(_QueuedEntity, Subscription):
             self._deadline.restart(arrival.at_ns)
         if arrival.sequence is not None:
             self.losses.sample(arrival.publisher, arrival.sequence, arrival.at_ns)
-        if self.qos.history is History.KEEP_LAST and len(self._waiting) >= self.qos.depth:
-            self._waiting.popleft()
-            self._taken += 1
-            self._lost(arrival.at_ns)
-        self._waiting.append(arrival)
-        self._announce(arrival, self._taken + len(self._waiting) - 1)
+        self._lost(self._waiting.put(arrival.data, arrival.at_ns), arrival.at_ns)
 
-    def _announce(self, arrival: _Arrival, number: int) -> None:
-        self.registry.message(arrival.at_ns, lambda: number >= self._taken)
-
-    def _lost(self, at_ns: int) -> None:
-        self.losses.losses.add(1, at_ns)
-        self.session.wake.set()
+    def _lost(self, count: int, at_ns: int) -> None:
+        if count:
+            self.losses.losses.add(count, at_ns)
+            self.session.wake.set()
 
 
 def asks_for(qos: QosProfile, policy: str) -> bool:

@@ -86,6 +86,24 @@ def test_an_assertion_by_node_covers_the_node_and_one_by_topic_its_publisher(kin
     assert [each.entity for each in found if each.kind is LVL] == [*lost, "elsewhere"]
 
 
+@pytest.mark.parametrize(
+    ("offered", "asked", "meet"),
+    [
+        (Liveliness.MANUAL_BY_TOPIC, Liveliness.MANUAL_BY_NODE, True),
+        (Liveliness.MANUAL_BY_NODE, Liveliness.MANUAL_BY_TOPIC, False),
+        (Liveliness.MANUAL_BY_NODE, Liveliness.AUTOMATIC, True),
+        (Liveliness.AUTOMATIC, Liveliness.MANUAL_BY_NODE, False),
+        (Liveliness.NONE, Liveliness.AUTOMATIC, True),
+        (Liveliness.AUTOMATIC, Liveliness.NONE, True),
+    ],
+)
+def test_by_topic_is_more_than_by_node_and_that_more_than_automatic(
+    offered: Liveliness, asked: Liveliness, meet: bool
+) -> None:
+    one = world(QosProfile(liveliness=offered, lease_ms=100), QosProfile(liveliness=asked, lease_ms=100))
+    assert one.matched("p", "s") is meet
+
+
 def test_overflow_and_gaps_are_lost_and_conserved() -> None:
     one = world(subscription=QosProfile(depth=4))
     found: list[Occurrence] = []

@@ -66,6 +66,18 @@ def test_a_sample_goes_from_one_process_to_another_and_is_known_by_name(tmp_path
     assert any(spin.session == "far" for spin in of(records, Spin))
 
 
+def test_samples_of_another_process_are_lost_there(tmp_path: Path) -> None:
+    lose = {"fault": "lose", "of": "talker", "count": 3, "as": "hole"}
+    data = {"do": "publish", "by": "talker", "as": "data"}
+    records = play(tmp_path, ["settle", lose, data, {"drive": "1T"}, {"do": "take", "from": "listener"}])
+    assert ended(records) == ("done", "")
+    assert [(one.session, one.result) for one in acts(records, "hole")] == [("far", 0)] * 3
+    assert [(fault.label, fault.of, fault.detail) for fault in of(records, FaultRecord)] == [
+        ("hole", "talker", {"code": 0})
+    ]
+    assert [(one.label, one.sequence) for one in of(records, Message)] == [("data", 4)]
+
+
 def test_the_session_lives_in_another_process_and_its_records_say_so(tmp_path: Path) -> None:
     records = play(tmp_path, [{"do": "destroy", "of": "far", "as": "bye"}])
     states = [(one.session, one.entity, one.what) for one in of(records, State) if one.session == "far"]

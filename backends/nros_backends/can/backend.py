@@ -39,6 +39,8 @@ from nros_conformance.rmw.codes import ReturnCode, RmwError
 class CanBackend(Backend):
     """A CAN bus. ``bus``: a ready-made python-can bus for the first session, which then owns it."""
 
+    option_names = None  # python-can's buses have many
+
     def __init__(self, host: Host, bus: can.BusABC | None = None) -> None:
         super().__init__(host)
         self._buses = Buses(host, bus)

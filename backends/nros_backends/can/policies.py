@@ -14,20 +14,12 @@ from __future__ import annotations
 from nros_backends.can.messages import Endpoint
 from nros_conformance.rmw.admission import admit_names, refuse_short_lease
 from nros_conformance.rmw.codes import ReturnCode, RmwError
-from nros_conformance.rmw.qos import Durability, Liveliness, QosProfile, is_finite
+from nros_conformance.rmw.qos import Durability, QosProfile, is_finite
 
 MIN_LEASE_MS = 100
 
 CAPACITY = 4096
 """Bytes of the largest payload: 586 frames of classic CAN, 0.1 s on a bus of 1 Mbit/s."""
-
-_STRENGTH = {
-    Liveliness.NONE: 0,
-    Liveliness.AUTOMATIC: 0,
-    Liveliness.MANUAL_BY_NODE: 1,
-    Liveliness.MANUAL_BY_TOPIC: 2,
-}
-"""DDS 1.4, 2.2.3.11; NONE is AUTOMATIC with an infinite lease."""
 
 
 def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
@@ -52,7 +44,7 @@ def compatible(writer: Endpoint, reader: Endpoint) -> bool:
     return (
         writer.reliability >= reader.reliability
         and writer.durability >= reader.durability
-        and _STRENGTH[writer.liveliness] >= _STRENGTH[reader.liveliness]
+        and writer.liveliness.strength >= reader.liveliness.strength
         and _within(writer.deadline_ms, reader.deadline_ms)
         and _within(writer.lease_ms, reader.lease_ms)
     )

@@ -89,9 +89,7 @@ class CyclonePublisher(End, Publisher):
             status = writer.get_offered_deadline_missed_status()  # type: ignore[no-untyped-call]
             count_to(self.missed, status.total_count, now_ns)
         self._note_sent()
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
         return False
 
     def send_heartbeat(self) -> bool:
@@ -122,9 +120,7 @@ class CyclonePublisher(End, Publisher):
 
     def _note_sent(self) -> None:
         while self._sent:
-            self.last_ns = self._sent.popleft()
-            if self.deadline is not None:
-                self.deadline.restart(self.last_ns)
+            self.moved(self._sent.popleft())
 
     def release(self) -> None:
         with self._writing:

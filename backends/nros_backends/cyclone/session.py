@@ -25,6 +25,7 @@ from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.dispatch import ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.qos import QosProfile
 
 _WAIT_MAX_NS = 3_600_000 * MS
@@ -51,8 +52,7 @@ class CycloneSession(Session):
         self._receiver: Receiver | None = None
         self._ends: tuple[End, ...] = ()
         self._looked_ns = clock.now_ns()
-        self._driving = threading.Lock()
-        self._driver: int | None = None
+        self._driving = Driving(clock)
         self._waiting = False
         self._noted = False
         self._closing = threading.Lock()
@@ -72,17 +72,9 @@ class CycloneSession(Session):
 
         Returns early once a callback ran or a sample came. A negative timeout is 0 (C10).
         """
-        if self.closed or not isinstance(timeout_ms, int) or (max_callbacks is not None and max_callbacks < 0):
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if not self._driving.acquire(blocking=False):
-            return ReturnCode.WOULD_BLOCK
-        self._driver = threading.get_ident()
-        try:
-            self._drive(self.clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
-        finally:
-            self._driver = None
-            self._driving.release()
-        return ReturnCode.OK
+        return self._driving.drive(timeout_ms, max_callbacks, self._drive)
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         return ReturnCode.INVALID_ARGUMENT if self.closed else ReturnCode.UNSUPPORTED
@@ -94,10 +86,7 @@ class CycloneSession(Session):
                 return ReturnCode.INVALID_ARGUMENT
             self.closed = True
         self.note()
-        outside = self._driver != threading.get_ident()
-        if outside:
-            self._driving.acquire()  # until the driver has left, and for good
-        try:
+        with self._driving.ended():
             with self.dispatching:
                 for end in self._ends:
                     end.destroy()
@@ -108,9 +97,6 @@ class CycloneSession(Session):
             with ONE_DOMAIN_AT_A_TIME:
                 self._participant = None
                 self._domain = None
-        finally:
-            if outside:
-                self._driving.release()
         return ReturnCode.OK
 
     def deafmute(self, *, deaf: bool, mute: bool) -> int:

@@ -63,6 +63,8 @@ LEASE_MIN_MS, LEASE_MAX_MS = 20, 3_600_000
 class XrceBackend(Backend):
     """DDS-XRCE. The option ``agent`` (HOST:PORT) names an agent of the user's, for any variant."""
 
+    option_names = ("agent",)
+
     def __init__(self, host: Host) -> None:
         super().__init__(host)
         self._sessions: set[XrceSession] = set()

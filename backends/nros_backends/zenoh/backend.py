@@ -69,6 +69,8 @@ _PORTS_EACH = 8
 class ZenohBackend(Backend):
     """Eclipse zenoh."""
 
+    option_names = ("locator",)
+
     def __init__(self, host: Host) -> None:
         super().__init__(host)
         self._network = Network(host.scratch, processes=host.processes, proxies=bool(host.faults & WIRE_FAULTS))

@@ -25,13 +25,6 @@ MIN_LEASE_MS = 100
 
 _NODE = re.compile(r"[A-Za-z0-9_.-]+", re.ASCII)
 
-_STRENGTH = {
-    Liveliness.NONE: 0,
-    Liveliness.AUTOMATIC: 0,
-    Liveliness.MANUAL_BY_NODE: 1,
-    Liveliness.MANUAL_BY_TOPIC: 2,
-}
-
 
 def admit(topic: object, type_name: object, qos: QosProfile) -> QosProfile:
     """The QoS in force for an entity with these names.
@@ -54,7 +47,7 @@ def compatible(offered: QosProfile, requested: QosProfile) -> bool:
         offered.reliability >= requested.reliability
         and offered.durability >= requested.durability
         and _at_most(offered.deadline_ms, requested.deadline_ms)
-        and _STRENGTH[offered.liveliness] >= _STRENGTH[requested.liveliness]
+        and offered.liveliness.strength >= requested.liveliness.strength
         and _at_most(_lease_ms(offered), _lease_ms(requested))
     )
 

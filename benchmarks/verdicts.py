@@ -1,0 +1,166 @@
+"""No false verdict: the reference, which is right by definition, gets the same verdict however often it is played.
+
+Each scenario is played 200 times in virtual time, each time with another seed, and 20 times in real time while every
+core is kept busy by other processes. Anything but one same verdict is printed; inconclusive ones are allowed in real
+time, and counted. Real time leaves out what needs a process per session, because the sessions share one world.
+
+    python -m benchmarks.verdicts [--virtual 200] [--real 20] [--at-once 24] [--suite NAME]
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from benchmarks.false_failures import load
+from nros_conformance.campaign.control import find_control
+from nros_conformance.campaign.plans import Row, make_plan
+from nros_conformance.campaign.run import RowRun
+from nros_conformance.campaign.selection import Selection, decide
+from nros_conformance.judge.judge import judge
+from nros_conformance.play.adapters import load_adapter
+from nros_conformance.play.faults import PROCESS_FAULTS
+from nros_conformance.play.leases import lease_ports
+from nros_conformance.play.player import play_virtually
+from nros_conformance.suite.loader import Suites, load_suites
+from nros_conformance.trace.records import Header, Trace
+
+
+class Job(NamedTuple):
+    """A share of the scenarios to play in virtual time, so many times each."""
+
+    keys: tuple[str, ...]
+    plays: int
+
+
+def control_row(*, real: bool) -> Row:
+    """The reference; on the real clock without the faults that are real signals there."""
+    found = find_control()
+    declaration = found.declaration
+    assert declaration is not None
+    if not real:
+        return Row(declaration, found.adapter)
+    faults = {name: how for name, how in declaration.faults.items() if name not in PROCESS_FAULTS}
+    behaviour = msgspec.structs.replace(declaration.behaviour, clock="real")
+    return Row(msgspec.structs.replace(declaration, behaviour=behaviour, faults=faults), found.adapter)
+
+
+@functools.cache
+def everything() -> Suites:
+    """The shipped suites, loaded once in each process."""
+    return load_suites()
+
+
+def play_share(job: Job) -> dict[str, Counter[str]]:
+    """By scenario: how often each verdict came, with its reason."""
+    suites, row = everything(), control_row(real=False)
+    adapter, chosen = load_adapter(row.adapter), Selection("publish", keys=frozenset(job.keys)).choose(suites)
+    counted = {}
+    for one in chosen:
+        plan = make_plan(one, row, suites, Path())
+        verdicts: Counter[str] = Counter()
+        for seed in range(job.plays):
+            seeded = msgspec.structs.replace(plan, header=msgspec.structs.replace(plan.header, seed=seed))
+            header, *records = play_virtually(seeded, adapter)
+            assert isinstance(header, Header)
+            verdict = judge(Trace(header, tuple(records)))  # type: ignore[arg-type]
+            verdicts[f"{verdict.verdict} {verdict.reason}".strip()] += 1
+        counted[one.key] = verdicts
+    return counted
+
+
+def virtual(plays: int, suites: tuple[str, ...]) -> int:
+    """Play all in two processes. The number of scenarios with anything but passes."""
+    row = control_row(real=False)
+    keys = [
+        one.key
+        for one in Selection("publish", suites).choose(everything())
+        if decide(one, row.declaration).status == "play"
+    ]
+    shares = [Job(tuple(keys[first : first + 20]), plays) for first in range(0, len(keys), 20)]
+    begun, wrong = time.monotonic(), 0
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for counted in pool.map(play_share, shares):
+            for key, verdicts in counted.items():
+                if set(verdicts) != {"pass"}:
+                    wrong += 1
+                    print(f"  {key}: {dict(verdicts)}", flush=True)
+    print(
+        f"virtual time: {len(keys)} scenarios x {plays} plays, {wrong} with anything but passes; "
+        f"{time.monotonic() - begun:.0f} s",
+        flush=True,
+    )
+    return wrong
+
+
+def one_round(at_once: int, suites: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...], str]]:
+    """All scenarios once in real time: key, the verdicts of all attempts, the last reason."""
+    with lease_ports() as ports, tempfile.TemporaryDirectory() as folder:
+        run = RowRun(
+            control_row(real=True), everything(), Selection("publish", suites), Path(folder), ports=ports,
+            control=None, watch=lambda progress: None, at_once=at_once,
+        )  # fmt: skip
+        for result in run.play().results:
+            if result.attempts:
+                verdicts = tuple(attempt.verdict.verdict for attempt in result.attempts)
+                yield result.key, verdicts, result.attempts[-1].verdict.reason
+
+
+def real(rounds: int, at_once: int, hogs: int, suites: tuple[str, ...]) -> int:
+    """Play all in rounds, under load. The number of plays that were judged, and not passed."""
+    wrong, plays, unclear, begun = 0, 0, Counter[str](), time.monotonic()
+    unsettled: Counter[str] = Counter()
+    with load(hogs):
+        for number in range(1, rounds + 1):
+            round_begun, wrong_before = time.monotonic(), wrong
+            for key, verdicts, reason in one_round(at_once, suites):
+                plays += len(verdicts)
+                unclear[key] += sum(verdict == "inconclusive" for verdict in verdicts)
+                unsettled[key] += verdicts[-1] == "inconclusive"
+                if verdicts[-1] not in ("pass", "inconclusive"):
+                    wrong += 1
+                    print(f"  round {number}: {key}: {verdicts[-1]}: {reason}", flush=True)
+            print(
+                f"  round {number}: {time.monotonic() - round_begun:.0f} s, {wrong - wrong_before} false verdicts",
+                flush=True,
+            )
+    print(
+        f"real time, {hogs} busy processes: {len(unclear)} scenarios x {rounds} rounds, {plays} plays: "
+        f"{wrong} false verdicts; {unclear.total()} plays inconclusive, {unsettled.total()} of them after repeats; "
+        f"{time.monotonic() - begun:.0f} s"
+    )
+    for key, times in unclear.most_common(10):
+        if times:
+            print(f"  inconclusive {times} times: {key}")
+    return wrong
+
+
+def main() -> None:
+    """Play, count, print; exit 1 after a false verdict."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--virtual", type=int, default=200, metavar="PLAYS")
+    parser.add_argument("--real", type=int, default=20, metavar="ROUNDS")
+    parser.add_argument("--at-once", type=int, default=24)
+    parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, metavar="PROCESSES")
+    parser.add_argument("--suite", action="append", default=[])
+    options = parser.parse_args()
+    suites = tuple(options.suite)
+    wrong = virtual(options.virtual, suites) if options.virtual else 0
+    wrong += real(options.real, options.at_once, options.hogs, suites) if options.real else 0
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
