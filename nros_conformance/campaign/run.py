@@ -93,7 +93,7 @@ class RowRun:
         self._to_play: dict[str, Loaded] = {}
         self._pool: Pool | None = None
         self.broken = ""
-        missing = lacking()
+        missing = {**lacking(), **row.lacking}
         for one in selection.choose(suites):
             decision = decide(one, row.declaration, missing)
             if decision.status == "play":

@@ -148,6 +148,11 @@ class ZenohBackend(Backend):
         """See `faults`."""
         return self._faults.inject(fault, arguments)
 
+    def lacking(self) -> Mapping[str, str]:
+        if not isinstance(self._environment, GivenRouter):
+            return {}
+        return dict.fromkeys(("stop", "start"), self._environment.not_ours)
+
     def versions(self) -> Mapping[str, str]:
         return {"eclipse-zenoh": importlib.metadata.version("eclipse-zenoh")}
 
