@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import queue
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -37,6 +38,7 @@ from nros_conformance.report.results import (
     Report,
     ScenarioResult,
     Status,
+    folder_for,
     write_report,
 )
 from nros_conformance.rmw.events import EventKind
@@ -76,8 +78,8 @@ class RowRun:
         self.row = row
         self.suites = suites
         self.selection = selection
-        self.results = results
-        self.folder = results / row.name
+        self.results = folder_for(results, row.name, narrowed=selection.narrowed and selection.keys is None)
+        self.folder = self.results / row.name
         self._ports = ports
         self._at_once = at_once
         self._control = control
@@ -91,7 +93,7 @@ class RowRun:
         self._to_play: dict[str, Loaded] = {}
         self._pool: Pool | None = None
         self.broken = ""
-        missing = lacking()
+        missing = {**lacking(), **row.lacking}
         for one in selection.choose(suites):
             decision = decide(one, row.declaration, missing)
             if decision.status == "play":
@@ -112,8 +114,8 @@ class RowRun:
         """Play all, write ``report.json``; also when interrupted."""
         traces = self.folder / "traces"
         traces.mkdir(parents=True, exist_ok=True)
-        for old in traces.glob("*.jsonl"):
-            old.unlink()
+        for old in traces.iterdir():
+            shutil.rmtree(old) if old.is_dir() else old.unlink()
         self._pool = pool = Pool(
             self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended,
             casualty=self._casualties.append, launch=self._launch,
@@ -240,6 +242,7 @@ class RowRun:
             digest=self.suites.digest,
             profile=self.selection.profile,
             partial=partial,
+            narrowed=self.selection.narrowed and self.selection.keys is None,
             why_partial=why,
             row=self.row.name,
             backend=self.row.declaration.name,
