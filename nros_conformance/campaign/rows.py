@@ -37,11 +37,12 @@ def rows_of(
     the options, `FormatError` when it is broken.
     """
     given = {**found.options, **(options or {})}
-    versions = found.versions(Host(clock=MonotonicClock(), options=given))
+    host = Host(clock=MonotonicClock(), options=given)
+    versions, lacking = found.versions(host), found.lacking(host)
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
         Row(
-            declaration.in_variant(variant), found.adapter, variant, versions, given,
+            declaration.in_variant(variant), found.adapter, variant, versions, given, lacking,
             asked=asked, provisional=found.provisional,
         )
         for variant in variants or [""]

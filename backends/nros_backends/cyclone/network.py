@@ -23,8 +23,11 @@ from cyclonedds.qos import Policy, Qos
 from nros_backends.cyclone.ear import Ear
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
-LEASE_MS = 1_000
-"""Default lease of a session (its participant): after that a crashed one is forgotten."""
+LEASE_MS = 10_000
+"""Default lease of a session (its participant), as Cyclone's own: after that a crashed one is forgotten."""
+
+_ANNOUNCE_MS = 250
+"""How often a participant announces itself at least, so that those who missed one soon have the next."""
 
 LEASE_MAX_MS = 3_600_000
 """The longest that Cyclone's configuration takes: an hour."""
@@ -98,7 +101,10 @@ class Network:
     def configuration(self, domain_id: int, port: int, lease_ms: int) -> str:
         """Cyclone's configuration for one session, XML."""
         return _CONFIGURATION.format(
-            external_id=self.external_id(domain_id), lease_ms=lease_ms, announce_ms=max(lease_ms // 4, 20), port=port
+            external_id=self.external_id(domain_id),
+            lease_ms=lease_ms,
+            port=port,
+            announce_ms=min(max(lease_ms // 4, 20), _ANNOUNCE_MS),
         )
 
     def join(

@@ -262,6 +262,8 @@ def test_a_router_that_was_named_is_used_and_not_ours_to_stop(make_stage: Callab
     with pytest.raises(RmwError) as error:
         router.stop()
     assert str(error.value) == f"UNSUPPORTED (-5): the router at {endpoint} is not ours to stop"
+    reason = f"the router at {endpoint} is not ours to stop"
+    assert (ours.backend.lacking(), theirs.backend.lacking()) == ({}, {"stop": reason, "start": reason})
 
 
 def test_a_router_takes_a_leased_port_and_says_why_it_does_not_start(make_stage: Callable[..., Any]) -> None:
