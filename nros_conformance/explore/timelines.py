@@ -254,9 +254,9 @@ def scenario(
         if timeline.lossy:
             qos |= {"reliability": "best_effort"}
         if told.qos[name].lease_ms:
-            qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS}ms"}
+            qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS * MS / T:g}T"}
         entities[name] = {side.value: "sensor", "qos": qos, "register": registered[side] or "none"}
-        entities[name]["registration_deadline"] = f"{DEADLINE_MS}ms"
+        entities[name]["registration_deadline"] = f"{DEADLINE_MS * MS / T:g}T"
     return {
         "id": id_, "title": "A timeline that was generated", "scale": {"T": "100ms"},
         "sessions": {name: {"slice": "5ms"} for name in ("pub", "sub")}, "entities": entities,
@@ -264,21 +264,21 @@ def scenario(
     }  # fmt: skip
 
 
-def behind_ns(timeline: Timeline, records: Iterable[AnyRecord]) -> int:
-    """By how much a play was behind its timeline at most; 0 when it did not even begin."""
-    due, now = {}, 0
+def behind(timeline: Timeline, records: Iterable[AnyRecord], scale_ns: int = T) -> float:
+    """By how many T a play was behind its timeline at most; 0 when it did not even begin. ``scale_ns``: its T."""
+    due, now = {}, 0.0
     for index, action in enumerate(timeline.actions):
-        lasts = action.count * TICK if action.verb in TIME else 0
-        due[f"a{index}"] = now + lasts - (T // 5 if lasts else 0)
+        lasts = action.count * TICK / T if action.verb in TIME else 0
+        due[f"a{index}"] = now + lasts - (0.2 if lasts else 0)
         now += lasts
-    begun, worst = None, 0
+    begun, worst = None, 0.0
     for one in records:
         if not isinstance(one, Act | FaultRecord):
             continue
         if one.label == "go":
             begun = one.end
         elif begun is not None and one.label in due:
-            worst = max(worst, one.end - begun - due[one.label])
+            worst = max(worst, (one.end - begun) / scale_ns - due[one.label])
     return worst
 
 
