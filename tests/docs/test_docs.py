@@ -63,3 +63,14 @@ def test_the_readme_and_the_badges_say_what_the_matrix_says() -> None:
     again = "write them again: nros-conformance matrix --readme README.md --badges badges"
     assert _with_table(ROOT / "README.md", readme, matrix) == readme, again
     assert list(stale(ROOT / "badges", matrix)) == [], again
+
+
+def test_every_section_of_the_decisions_is_there_once_and_in_the_list_at_the_top() -> None:
+    text = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    sections = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    listed = re.findall(r"\[([^\]]+)\]\(#([^)]+)\)", text.partition("\n## ")[0])
+    assert [title for title, _ in listed] == sections
+    assert len(set(sections)) == len(sections)
+    assert all(re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") == anchor for title, anchor in listed)
+    entries = re.findall(r"^- .*(?:\n  .*)*", text, re.MULTILINE)
+    assert len(set(entries)) == len(entries)
