@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from nros_conformance.rmw.declaration import Declaration, Event
 from nros_conformance.rmw.events import EventKind
-from nros_conformance.rmw.qos import Liveliness, QosProfile
+from nros_conformance.rmw.qos import Liveliness, QosProfile, Reliability
 
 DEADLINE_MS, LEASE_MS, DEPTH = 127, 213, 4
 """Of T/2 neither is a multiple, nor does a sum of a few of them fall close to one."""
@@ -37,13 +37,14 @@ class Cast:
     leases: bool = True
     without: Mapping[EventKind, str] = dataclasses.field(default_factory=dict)
 
-    def qos(self, name: str) -> QosProfile:
-        """What an entity asks for."""
+    def qos(self, name: str, lossy: bool = False) -> QosProfile:
+        """What an entity asks for. ``lossy``: what is lost has to stay lost, so nothing may be repaired."""
+        reliability = Reliability.BEST_EFFORT if lossy else Reliability.RELIABLE
         if name in SUBSCRIPTIONS:
-            return QosProfile(depth=DEPTH)
+            return QosProfile(reliability, depth=DEPTH)
         if name == "manual" and self.leases:
-            return QosProfile(depth=16, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE_MS)
-        return QosProfile(depth=16)
+            return QosProfile(reliability, depth=16, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE_MS)
+        return QosProfile(reliability, depth=16)
 
     def shared(self, other: Cast) -> Cast:
         """What two backends can both do and claim."""

@@ -12,7 +12,7 @@ import msgspec
 
 from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.run import AT_ONCE
-from nros_conformance.explore.cast import cast_for
+from nros_conformance.explore.cast import Cast, cast_for
 from nros_conformance.explore.mutation import play_defective
 from nros_conformance.explore.timelines import Timeline, behind_ns, scenario
 from nros_conformance.formats.places import FormatError, nearest
@@ -37,6 +37,9 @@ the real clock as much again as the judge allows for, and a drive."""
 
 PER_WORKER = 200
 """Plays before a fresh worker process: one that plays several at once collects no garbage."""
+
+DIED, CRASHED = "the backend ", "the backend crashed"
+"""How the cause of a play begins that the backend did not survive, and the one that costs its process."""
 
 _DIED = ("crash", "hang", "raised")
 
@@ -68,7 +71,7 @@ class Outcome:
         """Those that fail; of a backend that died, how it did."""
         if self.verdict.verdict != "fail":
             return frozenset()
-        if self.cause.startswith("the backend "):
+        if self.cause.startswith(DIED):
             return frozenset([self.cause])
         return frozenset(id_ for one in self.verdict.failed() for id_ in one.proves)
 
@@ -199,7 +202,7 @@ def deviations(declaration: Declaration, versions: Mapping[str, str]) -> dict[st
     return found
 
 
-def left_out(stands: Iterable[Stand]) -> list[str]:
+def left_out(casts: Iterable[Cast]) -> list[str]:
     """Which events are not looked at although they are claimed, and why."""
-    found = {kind.label: why for stand in stands for kind, why in stand.cast.without.items()}
+    found = {kind.label: why for cast in casts for kind, why in cast.without.items()}
     return [f"{label}: {why}" for label, why in found.items()]

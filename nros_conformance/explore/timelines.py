@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from nros_conformance.explore.cast import (
     DEADLINE_MS,
@@ -68,6 +69,11 @@ class Timeline:
     actions: tuple[Action, ...]
     kinds: tuple[EventKind, ...] = tuple(EventKind)
 
+    @property
+    def lossy(self) -> bool:
+        """Whether a sample gets lost on the wire."""
+        return any(action.verb == "lose" for action in self.actions)
+
     def sensible(self) -> Timeline:
         """The same without what cannot be done: using or destroying what is not there, creating what is.
 
@@ -95,18 +101,28 @@ class Timeline:
         return dataclasses.replace(self, actions=tuple(kept))
 
 
+_Happening: TypeAlias = tuple[int, str, EventKind, tuple[int, ...]]
+"""When, to whom, what, and by how much the total changed."""
+
+
 class _Told:
     """What the model says happens, when and to whom."""
 
-    def __init__(self, kinds: Sequence[EventKind], slack_ns: int, cast: Cast, world: type[World]) -> None:
+    def __init__(self, timeline: Timeline, slack_ns: int, cast: Cast, world: type[World]) -> None:
         self.slack_ns = slack_ns
         self.world = world()
         self.now = 0
-        self.kinds = kinds
-        self.cast = cast
-        self.happened: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
-        self.perhaps: list[tuple[int, str, EventKind, tuple[int, ...]]] = []
+        self.kinds = timeline.kinds
+        self.qos = {name: cast.qos(name, timeline.lossy) for name in ENTITIES}
+        self.happened: list[_Happening] = []
+        self.perhaps: Counter[_Happening] = Counter()
         """What happened, and what did not, so close to an action that a late one may change it."""
+        self.unseen: dict[tuple[str, Id], int] = {}
+        """By subscription and publisher: samples lost since the last that arrived. The next one shows the gap, and a
+        backend that learns of it earlier may say so (MSL-001)."""
+        self._heard: set[tuple[str, int, Id]] = set()
+        """By subscription and publisher: who has had a sample of whom. What is lost before the first one is no gap
+        between samples that were delivered, and need not be counted (C12)."""
         self.driven = 0
         """When the last drive ended: what happened since dies undelivered with its entity."""
         self._ids: dict[str, int] = {}
@@ -124,10 +140,10 @@ class _Told:
         self._ids[name], self._names[id_] = id_, name
         topic = (0, "t", "T")
         if name in PUBLISHERS:
-            self.note(self.world.create_publisher(id_, topic, "pub", self.cast.qos(name), self.now))
+            self.note(self.world.create_publisher(id_, topic, "pub", self.qos[name], self.now))
             deadline = EventKind.OFFERED_DEADLINE_MISSED
         else:
-            self.note(self.world.create_subscription(id_, topic, self.cast.qos(name), self.now))
+            self.note(self.world.create_subscription(id_, topic, self.qos[name], self.now))
             deadline = EventKind.REQUESTED_DEADLINE_MISSED
         if deadline in self.kinds:
             self.world.set_deadline(id_, DEADLINE_MS)
@@ -137,7 +153,8 @@ class _Told:
         if action.verb not in TIME:
             self.doubt()
         if action.verb == "destroy":
-            self.perhaps += [one for one in self.happened if one[0] >= self.driven - self.slack_ns and one[1] == name]
+            undelivered = [one for one in self.happened if one[0] >= self.driven - self.slack_ns and one[1] == name]
+            self.perhaps |= Counter(undelivered)
         match action.verb:
             case "drive" | "idle":
                 self.now += action.count * TICK
@@ -145,7 +162,12 @@ class _Told:
                 self.driven = self.now if action.verb == "drive" else self.driven
             case "publish" | "lose":
                 for _ in range(action.count):
-                    self.note(self.world.publish(id_, b"", self.now, lost=action.verb == "lose"))
+                    found = self.world.publish(id_, b"", self.now, lost=action.verb == "lose")
+                    self.note(found)
+                    if action.verb == "publish":
+                        self._doubt_first(id_, found)
+                for pair in [(one, id_) for one in SUBSCRIPTIONS]:
+                    self.unseen[pair] = self.unseen.get(pair, 0) + action.count if action.verb == "lose" else 0
             case "assert":
                 self.note(self.world.assert_liveliness(id_, self.now))
             case "take":
@@ -158,6 +180,15 @@ class _Told:
             case "create":
                 self.create(name)
 
+    def _doubt_first(self, publisher: Id, found: list[Occurrence]) -> None:
+        """A loss that shows with the first sample that a subscription gets from a publisher may go uncounted."""
+        for name in SUBSCRIPTIONS:
+            pair = name, self._ids[name], publisher
+            lost = [one for one in found if (self._names[one.entity], one.kind) == (name, EventKind.MESSAGE_LOST)]
+            if lost and pair not in self._heard and self.unseen.get((name, publisher)):
+                self.perhaps[lost[0].at_ns, name, lost[0].kind, lost[0].change] += 1
+            self._heard.add(pair)
+
     def ahead(self) -> _Told:
         """What would happen if nothing was done: a play that is behind has not done it yet."""
         later = copy.deepcopy(self)
@@ -166,18 +197,19 @@ class _Told:
 
     def doubt(self) -> None:
         """An action comes now: what falls due just before or after it may do so just after or before it."""
-        known = set(self.perhaps)
         near = [one for one in self.ahead().happened if one[0] >= self.now - self.slack_ns and one[2] in BY_TIME]
-        self.perhaps += [one for one in near if one not in known]
+        self.perhaps |= Counter(near)
 
     def bounds(self, name: str, kind: EventKind, at: int) -> tuple[int, int]:
         """The least and the most that a count can be at a moment."""
-        doubted = [one for one in self.perhaps if one[1:3] == (name, kind)]
-        sure = [one for one in self.happened if one[1:3] == (name, kind)]
-        least = sum(one[3][0] for one in sure if one[0] <= at - self.slack_ns and one not in doubted)
-        most = sum(
-            one[3][0] for one in [*sure, *(one for one in doubted if one not in sure)] if one[0] <= at + self.slack_ns
+        told = Counter(self.happened)
+        sure, possible = told - self.perhaps, told | self.perhaps
+        least, most = (
+            sum(one[3][0] * times for one, times in some.items() if one[1:3] == (name, kind) and one[0] <= until)
+            for some, until in ((sure, at - self.slack_ns), (possible, at + self.slack_ns))
         )
+        if kind is EventKind.MESSAGE_LOST:
+            most += sum(lost for (subscription, _), lost in self.unseen.items() if subscription == name)
         return least, most
 
     def total(self, name: str, kind: EventKind, until: int, first: int = 0) -> tuple[int, ...]:
@@ -195,7 +227,7 @@ def scenario(
     ``slack_ns``: by how much the play may be behind the timeline. Calls wait for a background drive to end, so
     it is never 0; nothing adds up, because every step has its time. ``world``: the model that is asked.
     """
-    told = _Told(timeline.kinds, slack_ns, cast, world)
+    told = _Told(timeline, slack_ns, cast, world)
     script: list[Any] = ["settle", {"drive": "0.5T", "as": "go"}]
     told.do(Action("drive"))
     looks: list[tuple[_Told, str, int, dict[str, int], set[str]]] = []
@@ -219,7 +251,9 @@ def scenario(
     for name in ENTITIES:
         side = Side.PUBLISHER if name in PUBLISHERS else Side.SUBSCRIPTION
         qos: dict[str, Any] = {"depth": 16} if name in PUBLISHERS else {"depth": DEPTH}
-        if cast.qos(name).lease_ms:
+        if timeline.lossy:
+            qos |= {"reliability": "best_effort"}
+        if told.qos[name].lease_ms:
             qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS}ms"}
         entities[name] = {side.value: "sensor", "qos": qos, "register": registered[side] or "none"}
         entities[name]["registration_deadline"] = f"{DEADLINE_MS}ms"
@@ -282,7 +316,7 @@ def _expectations(
 ) -> Iterator[dict[str, Any]]:
     for kind in told.kinds:
         for name in PUBLISHERS if kind.side is Side.PUBLISHER else SUBSCRIPTIONS:
-            if name in gone or (kind is EventKind.LIVELINESS_LOST and not told.cast.qos(name).lease_ms):
+            if name in gone or (kind is EventKind.LIVELINESS_LOST and not told.qos[name].lease_ms):
                 continue
             if kind is EventKind.LIVELINESS_CHANGED:
                 numbers = {told.total(name, kind, at + shift, born[name])[0] for shift in (-slack_ns, 0, slack_ns)}

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Collection
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from nros_backends.reference import ReferenceBackend
@@ -14,12 +15,14 @@ from nros_conformance.explore.search import HypothesisMissing
 from nros_conformance.explore.stand import Stand
 from nros_conformance.explore.timelines import Action, Timeline, scenario
 from nros_conformance.explore.writing import as_suite
+from nros_conformance.model.deviations import ExpiredLeaseIgnoresAssertions
 from nros_conformance.model.world import Id, Occurrence, World, _Publisher
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.discovery import find_backend
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.mutants import find_mutants
 from nros_conformance.suite.loader import Suites, load_suites
+from tests.explore.test_stand import KNOWN
 
 
 @functools.cache
@@ -57,13 +60,13 @@ class Forgetful(ReferenceBackend):
 
 
 def test_the_reference_does_what_the_model_says() -> None:
-    search = explore(stand(), 40, 7)
+    search = explore(stand(), 20, 7)
     assert search.found == []
-    assert search.plays == search.timelines == 40
+    assert search.plays == search.timelines == 20
 
 
 def test_interacting_defects_are_found_and_shrunk_to_at_most_six_actions(tmp_path: Path) -> None:
-    (found,) = explore(stand(Forgetful), 400, 1).found
+    (found,) = explore(stand(Forgetful), 40, 37).found
     assert len(found.timeline.actions) <= 6
     assert {"lose", "publish"} <= {action.verb for action in found.timeline.actions}
     assert found.verdict.reason.startswith("MSL-001: ")
@@ -72,9 +75,26 @@ def test_interacting_defects_are_found_and_shrunk_to_at_most_six_actions(tmp_pat
     assert loaded.scenario.id == "x.reference-1"
 
 
+class ForgetfulAndDeaf(ReferenceBackend):
+    world_type = type("_Both", (_Forgets, ExpiredLeaseIgnoresAssertions), {})
+
+
+def test_what_is_known_is_told_from_what_is_new_and_does_not_hide_it() -> None:
+    found = find_backend("reference")
+    assert found.declaration is not None
+    known = msgspec.structs.replace(found.declaration, known=[KNOWN])
+    both = Stand(Row(known, found.adapter), ForgetfulAndDeaf, suites())
+    search = explore(both, 40, 25)
+    assert set(search.known) == {"K1"}
+    assert [one.verdict.reason.partition(":")[0] for one in search.found] == ["MSL-001"]
+    undeclared = explore(stand(ForgetfulAndDeaf), 40, 25)
+    assert not undeclared.known
+    assert {"MSL-001", "LVC-009"} <= {one.verdict.reason.partition(":")[0] for one in undeclared.found}
+
+
 def test_the_same_seed_finds_the_same() -> None:
     early = next(one.adapter for one in find_mutants()["reference"] if one.name == "fires-early")
-    first, second = (explore(stand(early), 60, 3) for _ in range(2))
+    first, second = (explore(stand(early), 15, 3) for _ in range(2))
     assert first.found
     assert (first.plays, first.found) == (second.plays, second.found)
 
@@ -98,6 +118,31 @@ def test_the_expectations_are_what_the_model_says() -> None:
     ]  # fmt: skip
 
 
+def losses(*actions: Action) -> list[tuple[str, int, int]]:
+    raw = scenario(Timeline((*actions, Action("drive")), (EventKind.MESSAGE_LOST,)))
+    asked = [one for one in raw["expect"] if one["at"] == f"a{len(actions)}.end - 0.1T" and one["of"] == "first"]
+    return [(one["of"], one.get("at_least", one.get("is")), one.get("at_most", one.get("is"))) for one in asked]
+
+
+def test_a_loss_may_be_told_before_a_sample_shows_the_gap_and_has_to_be_told_then() -> None:
+    begun = Action("publish", "steady")
+    assert losses(begun, Action("lose", "steady", 2)) == [("first", 0, 2)]
+    assert losses(begun, Action("lose", "steady", 2), Action("publish", "steady")) == [("first", 2, 2)]
+
+
+def test_a_loss_before_the_first_sample_that_arrives_need_not_be_counted() -> None:
+    assert losses(Action("lose", "steady", 2), Action("publish", "steady")) == [("first", 0, 2)]
+    assert losses(Action("lose", "steady", 2), Action("publish", "steady", 6)) == [("first", 2, 4)]
+    again = (Action("lose", "steady"), Action("publish", "steady"))
+    assert losses(*again, *again) == [("first", 1, 2)]
+
+
+def test_what_gets_lost_is_not_repaired() -> None:
+    assert "reliability" not in scenario(Timeline((Action("publish", "steady"),)))["entities"]["first"]["qos"]
+    lossy = scenario(Timeline((Action("lose", "steady"),)))["entities"]
+    assert {one["qos"]["reliability"] for one in lossy.values()} == {"best_effort"}
+
+
 def test_slack_leaves_open_what_falls_due_close_to_a_look() -> None:
     silent = Timeline((Action("publish", "steady"), Action("drive", count=3)), (EventKind.OFFERED_DEADLINE_MISSED,))
     for slack_ms, bounds in ((5, {"is": 0}), (10, {"at_least": 0, "at_most": 1})):  # due at 127 ms, looked at 120 ms
@@ -106,7 +151,7 @@ def test_slack_leaves_open_what_falls_due_close_to_a_look() -> None:
 
 
 def test_two_backends_are_told_apart_by_requirement() -> None:
-    (difference,) = compare(stand(), stand(Forgetful), 400, 1).differences
+    (difference,) = compare(stand(), stand(Forgetful), 40, 37).differences
     assert (difference.requirement, difference.by, difference.known) == ("MSL-001", "reference", "")
     assert len(difference.timeline.actions) <= 6
     assert compare(stand(), stand(), 10, 5).differences == []

@@ -6,7 +6,8 @@ What it decides, where the boundary leaves something open:
   entity; what it answers there is what `supports_event` says here.
 - **Destroyed handles** answer INVALID_ARGUMENT without a call: in C their memory is gone, and the
   runtime's types forbid it.
-- **Domains.** Scenarios that are played together get domains of their own, two each, from ``--domain`` on.
+- **Domains and nodes.** Scenarios that are played together get domains of their own, two each, from
+  ``--domain`` on, and nodes of their own: a client may be known to its agent by its node's name alone.
 - **Release.** Callback and context are let go when their entity is destroyed or their registration
   replaced, by the adapter: C has no unregister. A library that calls later still is told of (`callbacks`).
 - **Locks.** Every call gives the GIL away, so that a callback on whatever thread gets it.
@@ -14,6 +15,7 @@ What it decides, where the boundary leaves something open:
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import weakref
 from collections import deque
@@ -44,6 +46,7 @@ class NativeBackend(Backend):
     def create_session(self, options: SessionOptions) -> Session:
         """Raises `RmwError`; `LibraryError` when the library does not load any more."""
         domain = self._options.domain + DOMAINS * self.host.network + options.domain_id
+        options = dataclasses.replace(options, node_name=f"{options.node_name}_{self.host.network}")
         session = NativeSession(load(self._options), options, domain, self._released)
         self._sessions.add(session)
         return session

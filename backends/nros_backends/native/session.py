@@ -30,6 +30,7 @@ class NativeSession(Session):
             )
         self.library = library
         self.domain = domain
+        self.node_name = options.node_name
         self.closed = False
         self.entities: list[NativeEntity] = []
         self.released: deque[Registration] = deque(maxlen=0) if released is None else released

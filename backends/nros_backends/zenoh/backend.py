@@ -18,9 +18,6 @@ zenoh carries bytes and tokens; all status events are the shim's, over what zeno
   receive queue pushes out. A sample without a valid attachment belongs to no publisher and is dropped.
 - **A sample larger than the caller's buffer** is dropped and counted as lost.
 - **Ends are matched by their tokens** as DDS matches them; what does not match is neither delivered nor counted.
-- **What zenoh does and the adapter does not hide**: a peer that was frozen for longer than its lease connects again
-  when it thaws, but on a busy host now and then without telling its tokens and subscriptions, which then stay
-  unknown for ever; the picture is that of eclipse-zenoh/zenoh#2806. Clients of a router always come back.
 - **No callback of the application** runs on a thread of zenoh: those only fill a queue that `drive_io` works off.
 """
 
