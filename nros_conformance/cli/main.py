@@ -155,6 +155,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     matrix.add_argument("--output", type=Path, default=Path("matrix.md"), metavar="FILE", help="default: matrix.md")
     matrix.add_argument("--html", type=Path, metavar="FILE", help="also write the web page")
     matrix.add_argument("--readme", type=Path, metavar="FILE", help="also copy the table into this README")
+    matrix.add_argument(
+        "--badges", type=Path, metavar="DIR", help="also write a badge for each row: SVG, and JSON for shields.io"
+    )
     instead = matrix.add_mutually_exclusive_group()
     instead.add_argument(
         "--check", action="store_true", help="compare with FILE instead of writing it; exit 1 if they differ"

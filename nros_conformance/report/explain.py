@@ -195,7 +195,9 @@ def explain_word(word: str, table: Table | None = None) -> str | None:
     """A word of the legend, by its id or as it is printed, and which cells say so; None for another word."""
     for id_, (printed, means) in MEANINGS.items():
         if word in (id_, printed, printed.split()[0]):
-            lines = _wrapped(f'{id_}   printed as "{printed}": {means} {_ENDS.get(id_, "")}'.rstrip(), "", "    ")
+            lines = _wrapped(
+                f'{id_}   printed as "{printed}": {_plain(means)} {_ENDS.get(id_, "")}'.rstrip(), "", "    "
+            )
             here = [] if table is None else [
                 f"{row.name}/{cell.column}" + "".join(f" {key}" for key in cell.notes)
                 for row in table.rows for cell in row.cells if cell.id == id_
