@@ -16,7 +16,10 @@ from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.rmw.discovery import Found, find_backends
 from nros_conformance.suite.loader import Loaded, Suites, load_suites
 from nros_conformance.trace.files import read_trace
-from nros_conformance.trace.records import Header, Trace
+from nros_conformance.trace.records import Header, Starved, Trace
+
+_ATTEMPTS = 2 * ATTEMPTS
+"""More than for a backend: without the control nothing is played at all."""
 
 
 class ControlFailed(Exception):
@@ -91,14 +94,21 @@ def _planted(declaration: Declaration, index: int, suites: Suites, results: Path
     folder.mkdir(parents=True, exist_ok=True)
     ended: list[Ended] = []
     pool = Pool(folder / "worker.log", virtual=False, ended=ended.append, casualty=lambda _: None)
-    caught = False
-    for number in range(1, ATTEMPTS + 1):  # as any other play: what is unclear on a busy host is played again
-        pool.play([make_plan(one, row, suites, folder, attempt=number, stretch=2 ** (number - 1))], 1)
-        verdict = judge(read_trace(Path(ended[-1].plan.trace)))
-        caught = any(planted.requirement in finding.proves for finding in verdict.failed())
+    for number in range(1, _ATTEMPTS + 1):  # as any other play: what is unclear on a busy host is played again
+        stretch = min(2 ** (number - 1), 2 ** (ATTEMPTS - 1))
+        pool.play([make_plan(one, row, suites, folder, attempt=number, stretch=stretch)], 1)
+        verdict = judge(_without_excuse(read_trace(Path(ended[-1].plan.trace))))
         if verdict.verdict != "inconclusive":
             break
+    else:
+        return f'planted defect "{planted.says}" stayed unclear in {_ATTEMPTS} attempts: {verdict.reason}', False
+    caught = any(planted.requirement in finding.proves for finding in verdict.failed())
     return f'planted defect "{planted.says}" is {"caught" if caught else "NOT caught"}', caught
+
+
+def _without_excuse(trace: Trace) -> Trace:
+    """The reference has no threads of its own that a busy host could have run late."""
+    return Trace(trace.header, tuple(one for one in trace.records if not isinstance(one, Starved)))
 
 
 def _scenario(suites: Suites, id_: str) -> Loaded | None:

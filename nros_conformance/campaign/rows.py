@@ -34,15 +34,16 @@ def rows_of(
     """One row for each default variant. ``asked``: the name, or options, by which the backend is found again.
 
     ``options`` are for the adapter. Raises ImportError when its middleware is missing, `RmwError` when it refuses
-    the options.
+    the options, `FormatError` when it is broken.
     """
     given = {**found.options, **(options or {})}
-    versions = found.load()(Host(clock=MonotonicClock(), options=given)).versions()
+    host = Host(clock=MonotonicClock(), options=given)
+    versions = found.versions(host)
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
         Row(
             declaration.in_variant(variant), found.adapter, variant, versions, given,
-            asked=asked, provisional=found.provisional,
+            found.lacking(dataclasses.replace(host, variant=variant)), asked=asked, provisional=found.provisional,
         )
         for variant in variants or [""]
     ]  # fmt: skip

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import queue
+import shutil
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,7 @@ from nros_conformance.judge.judge import judge
 from nros_conformance.judge.results import Verdict
 from nros_conformance.play.faketime import lacking
 from nros_conformance.play.launch import PLAIN, Launch
+from nros_conformance.play.plan import Plan
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
 from nros_conformance.report.differences import differences
 from nros_conformance.report.known import covering, in_force
@@ -33,6 +38,7 @@ from nros_conformance.report.results import (
     Report,
     ScenarioResult,
     Status,
+    folder_for,
     write_report,
 )
 from nros_conformance.rmw.events import EventKind
@@ -44,6 +50,9 @@ from nros_conformance.trace.records import Trace
 AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
+
+BESIDE = 4
+"""Processes beside the one whose plays share it: a thousand cycles are mostly waiting."""
 
 TOGETHER, AT_LEAST = 24, 4
 """All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
@@ -69,8 +78,8 @@ class RowRun:
         self.row = row
         self.suites = suites
         self.selection = selection
-        self.results = results
-        self.folder = results / row.name
+        self.results = folder_for(results, row.name, narrowed=selection.narrowed and selection.keys is None)
+        self.folder = self.results / row.name
         self._ports = ports
         self._at_once = at_once
         self._control = control
@@ -84,7 +93,7 @@ class RowRun:
         self._to_play: dict[str, Loaded] = {}
         self._pool: Pool | None = None
         self.broken = ""
-        missing = lacking()
+        missing = {**lacking(), **row.lacking}
         for one in selection.choose(suites):
             decision = decide(one, row.declaration, missing)
             if decision.status == "play":
@@ -105,8 +114,8 @@ class RowRun:
         """Play all, write ``report.json``; also when interrupted."""
         traces = self.folder / "traces"
         traces.mkdir(parents=True, exist_ok=True)
-        for old in traces.glob("*.jsonl"):
-            old.unlink()
+        for old in traces.iterdir():
+            shutil.rmtree(old) if old.is_dir() else old.unlink()
         self._pool = pool = Pool(
             self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended,
             casualty=self._casualties.append, launch=self._launch,
@@ -142,15 +151,44 @@ class RowRun:
         wanted = {plan.key: self._to_play[plan.key].scenario.needs.process for plan in plans}
         together = [plan for plan in plans if wanted[plan.key] == "shared"]
         alone = [plan for plan in plans if wanted[plan.key] == "alone"]
+        own = [plan for plan in plans if wanted[plan.key] == "own"]
         # The longest first, so that nothing long is left over at the end.
-        together.sort(key=lambda plan: -plan.expected_ns)
-        if together:
-            pool.play(together, max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2)))
-        if alone:
-            pool.play(alone, 1)
-        for plan in plans:
-            if wanted[plan.key] == "own":
-                pool.play([plan], 1)
+        for some in (together, own):
+            some.sort(key=lambda plan: -plan.expected_ns)
+        at_once = max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2))
+        # A process each for the others; one for those that must not share it at the same time.
+        with self._beside(pool, [part for part in (alone, *([plan] for plan in own)) if part]):
+            if together:
+                pool.play(together, at_once)
+
+    @contextlib.contextmanager
+    def _beside(self, pool: Pool, parts: Sequence[Sequence[Plan]]) -> Iterator[None]:
+        """Plays each part in a process while other things go on, or after that where somebody looks at each process."""
+        if self._launch.wrap or self._launch.debug:
+            yield
+            for part in parts:
+                pool.play(part, 1)
+            return
+        places = queue.SimpleQueue[int]()
+        for place in range(AT_ONCE, AT_ONCE + BESIDE):
+            places.put(place)
+
+        def play(part: Sequence[Plan]) -> None:
+            place = places.get()
+            try:
+                pool.play(part, 1, place)
+            finally:
+                places.put(place)
+
+        with ThreadPoolExecutor(BESIDE, thread_name_prefix=self.row.name) as executor:
+            playing = [executor.submit(play, part) for part in parts]
+            try:
+                yield
+            except BaseException:
+                executor.shutdown(wait=False, cancel_futures=True)
+                raise
+            for each in playing:
+                each.result()
 
     def _ended(self, ended: Ended) -> None:
         one = self._to_play[ended.plan.key]
@@ -179,7 +217,7 @@ class RowRun:
             )
             result = msgspec.structs.replace(result, known=self._known(result))
             self._results[one.key] = result
-            self._observations[one.key] = observe(trace)
+            self._observations[one.key] = observe(trace, pings=verdict.verdict != "inconclusive")
             done = sum(1 for key in self._to_play if key in self._results)
         self.watch(Progress(self.row, result, done, self.total))
 
@@ -204,6 +242,7 @@ class RowRun:
             digest=self.suites.digest,
             profile=self.selection.profile,
             partial=partial,
+            narrowed=self.selection.narrowed and self.selection.keys is None,
             why_partial=why,
             row=self.row.name,
             backend=self.row.declaration.name,

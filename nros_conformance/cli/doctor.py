@@ -12,6 +12,7 @@ from pathlib import Path
 from nros_conformance import __version__
 from nros_conformance.campaign.checks import Check, Probes, host_checks
 from nros_conformance.cli.codes import ExitCode
+from nros_conformance.formats.places import FormatError
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report.results import FILE, ReportError, read_report
 from nros_conformance.rmw.backend import Host
@@ -70,8 +71,10 @@ def check_backend(found: Found) -> Check:
     try:
         lacking = found.unavailable()
         if lacking is None:
-            versions = found.load()(Host(clock=MonotonicClock())).versions()
+            versions = found.versions(Host(clock=MonotonicClock()))
             peerless = check_peers(found, found.declaration)
+    except FormatError as error:
+        return Check(found.name, "broken", costs=str(error))
     except Exception as error:  # a backend may fail as it likes; the others are looked at all the same
         return Check(found.name, "broken", costs=f"{found.adapter}: {type(error).__name__}: {error}")
     if lacking is not None:

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from nros_conformance.cli.codes import ExitCode
+from nros_conformance.formats.places import FormatError
 from nros_conformance.rmw.discovery import find_backends
 from nros_conformance.suite.loader import Suites, load_suites
 from nros_conformance.suite.walk import expectations
@@ -64,12 +65,14 @@ def _backends() -> list[dict[str, Any]]:
         if found.declaration is None:
             rows.append({"name": name, "state": "broken", "what runs": str(found.error)})
             continue
-        lacking = found.unavailable()
+        try:
+            lacking = found.unavailable()
+        except FormatError as error:
+            rows.append({"name": name, "state": "broken", "what runs": str(error)})
+            continue
         state = "ready" if lacking is None else "missing"
         subject = found.declaration.subject
-        what = (
-            f"{subject.kind}: {subject.says}" if lacking is None else f"{lacking.reason}; install it: {lacking.install}"
-        )
+        what = f"{subject.kind}: {subject.says}" if lacking is None else str(lacking)
         rows.append({"name": name, "state": state, "what runs": what})
     return rows
 

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from nros_conformance import __version__
 from nros_conformance.cli import native
-from nros_conformance.cli.codes import ExitCode
+from nros_conformance.cli.codes import RESULTS, ExitCode
 
-RESULTS = Path(".nros-conformance")
-"""Where runs leave their results unless told otherwise."""
+PROG = "nros-conformance"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,21 +40,57 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()  # whoever read our output has seen enough
         return ExitCode.OK
+    except OSError as error:
+        if error.filename is None or error.strerror is None:
+            return _internal()
+        return _fail(f"{error.filename}: {error.strerror}; name another file or folder", ExitCode.USAGE)
     except Exception as error:
         from nros_conformance.cli.codes import user_errors
 
         if isinstance(error, user_errors()):
             return _fail(str(error), ExitCode.USAGE)
-        import traceback
-
-        traceback.print_exc()
-        return _fail("internal error; please report it with the lines above", ExitCode.INTERNAL)
+        return _internal()
     return int(code)
+
+
+def _internal() -> int:
+    import traceback
+
+    traceback.print_exc()
+    return _fail("internal error; please report it with the lines above", ExitCode.INTERNAL)
 
 
 def _fail(text: str, code: ExitCode) -> int:
-    print(f"nros-conformance: {text}", file=sys.stderr)
+    print(f"{PROG}: {text}", file=sys.stderr)
     return int(code)
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line for what is wrong, instead of thirty of usage; and 4, because 2 is an interrupted run."""
+
+    def error(self, message: str) -> NoReturn:
+        text = re.sub(r"^argument (COMMAND|what): ", "", message)
+        if match := _CHOICE.fullmatch(text):
+            from nros_conformance.formats.places import nearest
+
+            what = (
+                f"{match['where']}invalid choice"
+                if match["where"]
+                else "no command"
+                if self.prog == PROG
+                else "no list"
+            )
+            text = f"{what} {match['word']!r}; {nearest(match['word'], _names(match['known']))}"
+        else:
+            text += f"; see: {self.prog} --help"
+        self.exit(int(ExitCode.USAGE), f"{PROG}: {text}\n")
+
+
+_CHOICE = re.compile(r"(?P<where>.*?)invalid choice: '(?P<word>.*?)' \(choose from (?P<known>.*)\)")
+
+
+def _names(listed: str) -> list[str]:
+    return [name.strip(" '") for name in listed.split(",")]
 
 
 class _OneLineEach(argparse.HelpFormatter):
@@ -65,8 +102,8 @@ class _OneLineEach(argparse.HelpFormatter):
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="nros-conformance",
+    parser: argparse.ArgumentParser = _Parser(
+        prog=PROG,
         formatter_class=_OneLineEach,
         description="Shows what nano-ros middleware backends really do with status events, ping and reconnection.",
         epilog="Exit codes: 0 all musts hold or are known; 1 a must failed, or declaration and behaviour differ; "
@@ -83,7 +120,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )  # fmt: skip
     _selection(run)
     run.add_argument(
-        "--max-unclear", type=int, default=0, metavar="N",
+        "--max-unclear", type=_count, default=0, metavar="N",
         help="tolerate N scenarios that stay unclear after repeats (default 0)",
     )  # fmt: skip
     run.add_argument(
@@ -118,6 +155,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     matrix.add_argument("--output", type=Path, default=Path("matrix.md"), metavar="FILE", help="default: matrix.md")
     matrix.add_argument("--html", type=Path, metavar="FILE", help="also write the web page")
     matrix.add_argument("--readme", type=Path, metavar="FILE", help="also copy the table into this README")
+    matrix.add_argument(
+        "--badges", type=Path, metavar="DIR", help="also write a badge for each row: SVG, and JSON for shields.io"
+    )
     instead = matrix.add_mutually_exclusive_group()
     instead.add_argument(
         "--check", action="store_true", help="compare with FILE instead of writing it; exit 1 if they differ"
@@ -158,7 +198,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     explain = _command(commands, "explain", "why a scenario or cell says what it says")
     explain.add_argument(
         "subject", nargs="+", metavar="SUBJECT",
-        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
+        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, a note key, or a word of the legend",
     )  # fmt: skip
     explain.add_argument("--svg", type=Path, metavar="FILE", help="also draw the timeline of the scenario")
 
@@ -183,6 +223,13 @@ def _command(
         "--suites", type=Path, default=None, metavar="DIR", help="suite files to use instead of the built-in ones"
     )
     return command
+
+
+def _count(text: str) -> int:
+    """A number of things."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 on")
+    return int(text)
 
 
 def _selection(command: argparse.ArgumentParser) -> None:

@@ -14,17 +14,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from nros_conformance import __version__
-from nros_conformance.campaign.control import run_control
+from nros_conformance.campaign.control import ControlFailed, run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli import native
-from nros_conformance.cli.codes import ExitCode, strongest
+from nros_conformance.cli.codes import ExitCode, repeated, strongest
 from nros_conformance.cli.declare import refused
 from nros_conformance.cli.progress import ProgressLine
-from nros_conformance.formats.places import FormatError
+from nros_conformance.formats.places import FormatError, nearest
 from nros_conformance.play.launch import Launch
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report import terminal
@@ -62,12 +62,18 @@ def run(options: argparse.Namespace) -> ExitCode:
             backends.append(library.found)
     if not backends:
         return strongest([*codes, ExitCode.NOTHING])
+    _check_options(options, backends)
     rows = [row for found in backends for row in _rows(found, suites, options)]
     say = _say if not options.json else _silent
     say(terminal.opening(__version__, suites, selection, len(chosen)))
     say(f"host     {check_host()}")
-    control = _control(suites, selection, options, say)
+    try:
+        control = _control(suites, selection, options, say)
+    except ControlFailed as error:
+        print(f"nros-conformance: {error}", file=sys.stderr)
+        return ExitCode.INTERNAL
     if not control.ok:
+        say(f"\n{terminal.without_control(control)}")
         return ExitCode.INTERNAL
     for line in library.says if library is not None else ():
         say(f"{'native':<8} {line}")
@@ -85,7 +91,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         for one in runs:
             row = one.row
             say(terminal.row_line(row.name, row.declaration, row.versions, row.virtual, one.total, len(chosen), width))
-        reports, interrupted = _play(runs, suites, say)
+        reports, interrupted = _play(runs, suites, say, repeated(options))
     if interrupted:
         codes.append(ExitCode.INTERRUPTED)
     if options.json:
@@ -97,9 +103,10 @@ def run(options: argparse.Namespace) -> ExitCode:
     if options.junit is not None:
         options.junit.parent.mkdir(parents=True, exist_ok=True)
         options.junit.write_bytes(junit(reports, {one.id: one for one in suites.requirements}))
-    say(terminal.closing(reports, suites.levels, options.results, selection))
+    apart = [one.row.name for one in runs if one.results != options.results]
+    say(terminal.closing(reports, suites.levels, options.results, selection, apart, repeated(options)))
     if launch.wrap and not launch.debug:
-        say("wrapped  " + ", ".join(f"{options.results}/{report.row}/worker.log" for report in reports))
+        say("wrapped  " + ", ".join(f"{one.folder}/worker.log" for one in runs))
     code = strongest(codes)
     say(f"\nexit {int(code)}{terminal.meaning(int(code), reports)}")
     return code
@@ -134,9 +141,14 @@ def _backends(names: Sequence[str]) -> tuple[list[Found], list[ExitCode]]:
         assert one.declaration is not None
         if one.declaration.control and not names:
             continue
-        lacking = one.unavailable()
+        try:
+            lacking = one.unavailable()
+        except FormatError as error:  # one broken adapter is no reason to leave out the others
+            print(f"nros-conformance: {error}", file=sys.stderr)
+            codes.append(ExitCode.USAGE)
+            continue
         if lacking is not None:
-            print(f"{one.name:<8} missing: {lacking.reason}; install it: {lacking.install}", file=sys.stderr)
+            print(f"{one.name:<8} missing: {lacking}", file=sys.stderr)
             if names:
                 codes.append(ExitCode.NOTHING)
             continue
@@ -167,6 +179,20 @@ def host_options(options: argparse.Namespace) -> dict[str, str]:
     return dict(one.split("=", 1) for one in given)
 
 
+def _check_options(options: argparse.Namespace, backends: Sequence[Found]) -> None:
+    """Refuse an option that no backend takes: it would be a typing error that nobody notices."""
+    named = {found.name: found.load().option_names for found in backends}
+    if options.backend and None in named.values():
+        return
+    known = sorted({name for names in named.values() for name in names or ()})
+    for name in host_options(options):
+        if name not in known:
+            raise FormatError(
+                "--option", None, f"{', '.join(named)} {'takes' if len(named) == 1 else 'take'} no option {name!r}",
+                nearest(name, known),
+            )  # fmt: skip
+
+
 def _launch(options: argparse.Namespace) -> Launch:
     launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug)
     return dataclasses.replace(launch, debug=launch.debug or launch.interactive)
@@ -186,7 +212,7 @@ def _control(suites: Suites, selection: Selection, options: argparse.Namespace, 
     return control
 
 
-def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[list[Report], bool]:
+def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say, hints: str) -> tuple[list[Report], bool]:
     """All rows side by side, each in a worker process of its own."""
     line = ProgressLine(sys.stderr)
     requirements = {one.id: one for one in suites.requirements}
@@ -202,7 +228,7 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
             )
             if progress.result.verdict in ("fail", "error") and not progress.result.known:
                 line.clear()
-                say("\n" + failure(one_report[progress.row.name].report(), progress.result, requirements))
+                say("\n" + failure(one_report[progress.row.name].report(), progress.result, requirements, hints))
 
     one_report = {one.row.name: one for one in runs}
     for one in runs:

@@ -11,7 +11,9 @@ from nros_conformance.judge.index import Index
 from nros_conformance.judge.intervals import worst
 from nros_conformance.judge.moments import NoSuchMoment
 from nros_conformance.judge.results import Outcome
+from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite import schema
+from nros_conformance.trace.records import Act
 
 _Of: TypeAlias = str | list[str]
 _Entry: TypeAlias = tuple[Callable[[Any], str], Callable[[Index, Any], Judged]]
@@ -57,9 +59,12 @@ def name_of(part: schema.Base) -> str:
 
 TIMED = (
     schema.Never, schema.Periodic, schema.Total, schema.Level, schema.Inside, schema.Callback, schema.Callbacks,
-    schema.Takes, schema.Received,
+    schema.Takes, schema.Received, schema.Counted,
 )  # fmt: skip
 """What a host that runs the backend's own threads late can violate."""
+
+ARRIVAL = frozenset({"take", "has_data", "ping", "until"})
+"""Steps whose answer says whether something has come by then, unless it is an error."""
 
 
 def judge_part(index: Index, part: schema.Base) -> Judged:
@@ -68,7 +73,24 @@ def judge_part(index: Index, part: schema.Base) -> Judged:
         judged = JUDGES[type(part)][1](index, part)
     except NoSuchMoment as missing:
         return Judged("none", got=str(missing))
-    return _unless_starved(index, judged) if isinstance(part, TIMED) else judged
+    return _unless_starved(index, judged) if isinstance(part, TIMED) or _arrival(index, part) else judged
+
+
+def _arrival(index: Index, part: schema.Base) -> bool:
+    """Whether the part expects an answer that depends on what has come by then."""
+    if isinstance(part, schema.Returns):
+        acts = index.acts_of(part.returns)
+    elif isinstance(part, schema.Cycles) and part.step is not None and part.cycles in index.cycles:
+        acts = index.cycles[part.cycles].calls.get(part.step, [])
+    else:
+        return False
+    wrong = [act for act in acts if not calls.fits(act, part.is_)]
+    return bool(wrong) and all(_tells_arrival(act) for act in wrong)
+
+
+def _tells_arrival(act: Act) -> bool:
+    came = isinstance(act.result, int) and (act.result >= 0 or act.result in (ReturnCode.NO_DATA, ReturnCode.TIMEOUT))
+    return act.op in ARRIVAL and came
 
 
 def _unless_starved(index: Index, judged: Judged) -> Judged:

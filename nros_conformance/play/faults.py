@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from nros_conformance.play.actors import Actor
 from nros_conformance.play.driver import Command, Driver, StopPlay
 from nros_conformance.play.remote import RemoteDriver
-from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.play.stage import Stage
 from nros_conformance.rmw.events import KIND_BY_LABEL
 from nros_conformance.suite.injections import INJECTIONS
 from nros_conformance.suite.schema import Fault
@@ -61,13 +62,15 @@ class Injector:
         else:
             (actor,) = stage.members(step.of)
             driver = actor.driver
-            arguments = {"entity": actor.created(), "count": step.count}
+            arguments = {"count": step.count}
             if injection.publishes:
                 arguments["publish"] = self._publisher(actor, label)
             if step.fault == "preset":
                 arguments["kind"] = None if step.kind is None else int(KIND_BY_LABEL[step.kind])
 
         def run() -> int:
+            if injection.of != "session":
+                arguments["entity"] = actor.created()  # where it lives, which may be another process
             begun = stage.clock.now_ns()
             code = int(stage.backend.inject(step.fault, **arguments))
             record = FaultRecord(

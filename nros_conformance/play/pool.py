@@ -14,10 +14,13 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import msgspec
 
 from nros_conformance.play.autopsy import autopsy
 from nros_conformance.play.launch import PLAIN, Launch
@@ -68,8 +71,8 @@ class Casualty:
 class Pool:
     """Plays the plans of one backend in worker processes.
 
-    ``ended`` hears of every play as it is complete, ``casualty`` of every process that was lost;
-    ``log`` gets what the workers print.
+    ``ended`` hears of every play as it is complete, ``casualty`` of every process that was lost, each on the
+    thread that called `play`; ``log`` gets what a worker has printed when it is gone, whole.
     """
 
     def __init__(
@@ -84,14 +87,19 @@ class Pool:
         self._play_limit_s = play_limit_s * launch.patience
         self._launch = launch
         self._stopped = threading.Event()
+        self._logging = threading.Lock()
 
     def stop(self) -> None:
         """End the workers; plays in flight are given up and their traces stay cut short."""
         self._stopped.set()
 
-    def play(self, plans: Sequence[Plan], concurrency: int) -> None:
-        """Play all of them. Raises `WorkerBroken` when the adapter does not load."""
-        pending = list(plans)
+    def play(self, plans: Sequence[Plan], concurrency: int, place: int = 0) -> None:
+        """Play all of them, at the places in the network from ``place`` on.
+
+        Several threads may call it at once, with places of their own each. Raises `WorkerBroken` when the adapter
+        does not load.
+        """
+        pending = [msgspec.structs.replace(plan, network=place) for plan in plans]
         while pending and not self._stopped.is_set():
             done, suspects = self._session(pending, concurrency)
             if len(suspects) > 1:
@@ -102,14 +110,28 @@ class Pool:
 
     def _session(self, plans: Sequence[Plan], concurrency: int) -> tuple[list[Plan], list[Plan]]:
         """One worker process: what it finished, and what it died with."""
+        with tempfile.NamedTemporaryFile(dir=self._log.parent, prefix="worker-", suffix=".log") as printed:
+            log = Path(printed.name)
+            try:
+                watch, process = self._watched(plans, concurrency, log)
+                if self._stopped.is_set() or not watch.in_flight:
+                    return watch.done, []
+                suspects = list(watch.in_flight.values())
+                self._lost(watch, process, suspects, log)
+                return watch.done, suspects
+            finally:
+                with self._logging, self._log.open("ab") as all_of_them:
+                    all_of_them.write(log.read_bytes())
+
+    def _watched(self, plans: Sequence[Plan], concurrency: int, log: Path) -> tuple[_Watch, subprocess.Popen[bytes]]:
+        """Start a worker and listen to it until it is gone."""
         ours, theirs = socket.socketpair()
-        with ours, self._log.open("ab") as log:
-            log_start = log.tell()
+        with ours, log.open("ab") as output:
             watched = self._launch.debug
             process = subprocess.Popen(
                 self._launch.command([*_WORKER, str(theirs.fileno())]), pass_fds=[theirs.fileno()],
-                stdin=None if watched else subprocess.DEVNULL, stdout=None if watched else log,
-                stderr=None if watched else log, env=_environment(),
+                stdin=None if watched else subprocess.DEVNULL, stdout=None if watched else output,
+                stderr=None if watched else output, env=_environment(),
             )  # fmt: skip
             theirs.close()
             try:
@@ -120,17 +142,16 @@ class Pool:
                 if process.poll() is None:
                     process.kill()
                 process.wait()
-        if self._stopped.is_set() or not watch.in_flight:
-            return watch.done, []
-        suspects = list(watch.in_flight.values())
+        return watch, process
+
+    def _lost(self, watch: _Watch, process: subprocess.Popen[bytes], suspects: Sequence[Plan], log: Path) -> None:
+        """A worker died: report it, and end the trace if there is one suspect only."""
         what = "hang" if watch.killed else "crash"
-        where = _where(self._log, log_start, what)
+        where = _where(log.read_text(errors="replace"), what)
         detail = watch.killed or f"the process {death(process.returncode)}"
         detail += f", {where}" if where else ""
         if self._launch.debugger and what == "crash" and len(suspects) == 1:
-            native = autopsy(
-                self._launch.debugger, _WORKER, _environment(), suspects[0], self._log, virtual=self._virtual
-            )
+            native = autopsy(self._launch.debugger, _WORKER, _environment(), suspects[0], log, virtual=self._virtual)
             detail += f"; natively in {native}" if native else ""
         self._casualty(Casualty(what, detail, tuple(watch.in_flight)))
         if len(suspects) == 1:
@@ -142,7 +163,6 @@ class Pool:
                     writer.write(plan.header)
                 writer.write(End(outcome=what, t=time.monotonic_ns(), detail=detail))
             self._ended(Ended(plan, what, 0.0))
-        return watch.done, suspects
 
     @property
     def stopped(self) -> bool:
@@ -235,11 +255,8 @@ def _receive(connection: socket.socket) -> bytes:
         return b""
 
 
-def _where(log: Path, start: int, what: str) -> str:
+def _where(text: str, what: str) -> str:
     """The frame in which the backend crashed or is stuck, from faulthandler's report of all threads."""
-    with log.open("rb") as file:
-        file.seek(start)
-        text = file.read().decode(errors="replace")
     stacks = [_FRAME.findall(stack) for stack in _THREAD.split(text)[1:]]
     if what == "crash":
         current = _CURRENT.split(text)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
+import itertools
 import os
 import queue
 import signal
@@ -36,6 +37,10 @@ BEAT_S = 0.5
 SETUPS = 2
 """Stages set up at once. Setting up is what costs time (sockets, threads, discovery): 48 at once made each
 last 230 ms instead of 20, and delayed the deadline timers of those that were already playing."""
+
+
+PLACES = 32
+"""In the network of a row: a worker's plays have those from its first on, plays that hang keep theirs."""
 
 
 class Worker:
@@ -91,12 +96,13 @@ class Worker:
                     plan = waiting.get_nowait()
                 except queue.Empty:
                     return
-                end = self._play(msgspec.structs.replace(plan, network=network), adapter, MonotonicClock())
+                here = msgspec.structs.replace(plan, network=plan.network + network)
+                end = self._play(here, adapter, MonotonicClock())
                 if end.outcome == "hang":
                     # Its threads still use this place in the network: nobody else may have it.
                     network = next(spare)
 
-        spare = iter(range(job.concurrency, job.concurrency + len(job.plans)))
+        spare = itertools.count(PLACES)
         threads = [threading.Thread(target=work, args=(n,), name=f"stage {n}") for n in range(job.concurrency)]
         for thread in threads:
             thread.start()

@@ -89,7 +89,7 @@ class Conformance:
         assert declaration is not None
         lacking = found.unavailable()
         if lacking is not None:
-            pytest.exit(f"{found.name} missing: {lacking.reason}; install it: {lacking.install}", NOTHING)
+            pytest.exit(f"{found.name} missing: {lacking}", NOTHING)
         if known is not None:
             declaration = with_known(declaration, known, self.suites)
         rows = tuple(rows_of(found, declaration, name if ":" in name else ""))

@@ -15,11 +15,12 @@ _SILENCING = {"stop": "start", "partition": "heal", "block": "heal", "delay": "h
 """Faults after which the peer does not answer the session that they hit (``stop``: anybody), and what ends them."""
 
 
-def observe(trace: Trace) -> list[Observation]:
+def observe(trace: Trace, *, pings: bool = True) -> list[Observation]:
     """The answers of register, supports, create, destroy and ping, in order of `tally`.
 
     Automatic registrations at creation count. A call that raised, or was not answered with a code, is
-    no observation.
+    no observation, nor is a ping that had no time to be answered in. ``pings``: False where the host did not
+    do its part, so that a TIMEOUT may be its own.
     """
     entities = _entities(trace.header.scenario)
     gone: set[str] = set()
@@ -57,7 +58,7 @@ def observe(trace: Trace) -> list[Observation]:
                 destroyed = record.entity in gone or record.session in gone
                 case = "destroyed" if destroyed else _case(record, side, kind, entities)
                 seen.append(Observation(call=record.op, side=side, kind=kind, case=case, code=int(record.result)))
-            elif record.op == "ping":
+            elif record.op == "ping" and pings and record.args.get("timeout_ms") != 0:
                 silent = any(of in ("", record.session) for _, of in silencing)
                 if silent or record.session not in forgotten:
                     case = "silent" if silent else "reachable"

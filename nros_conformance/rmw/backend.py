@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
@@ -196,6 +196,9 @@ class Environment:
 class Backend(abc.ABC):
     """One middleware. A fresh instance plays each scenario."""
 
+    option_names: ClassVar[Collection[str] | None] = ()
+    """What ``--option NAME=VALUE`` may set in `Host.options`; None: any name, the adapter hands them on."""
+
     def __init__(self, host: Host) -> None:
         self.host = host
 
@@ -254,6 +257,10 @@ class Backend(abc.ABC):
           wall clock set. On the real clock they are declared too, and the harness does it to the process.
         """
         return ReturnCode.UNSUPPORTED
+
+    def lacking(self) -> Mapping[str, str]:
+        """Faults that are declared, but cannot be injected with the options of `host`, and why: one line each."""
+        return {}
 
     def versions(self) -> Mapping[str, str]:
         """Name and version of the middleware packages in use, for the report."""

@@ -22,6 +22,9 @@ Claim: TypeAlias = Literal["yes", "limited", "no"]
 Absent: TypeAlias = Literal["never", "not-yet", "not-wired"]
 
 
+NOTHING_TO_INSTALL = "nothing to install"
+
+
 class _Part(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     pass
 
@@ -51,7 +54,7 @@ class Subject(_Part, frozen=True, kw_only=True):
     range: str = ""
     pinned: Pinned | None = None
     held_to: list[HeldTo] = []
-    install: str = "nothing to install"
+    install: str = NOTHING_TO_INSTALL
 
 
 class Event(_Part, frozen=True, kw_only=True):

@@ -10,14 +10,18 @@ import dataclasses
 import importlib
 import importlib.metadata
 import importlib.util
-from collections.abc import Mapping
+import traceback
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import cast
 
 from nros_conformance.formats.places import FormatError, nearest
-from nros_conformance.rmw.backend import Backend
-from nros_conformance.rmw.declaration import Declaration, load_declaration
+from nros_conformance.rmw.backend import Backend, Host
+from nros_conformance.rmw.codes import RmwError
+from nros_conformance.rmw.declaration import NOTHING_TO_INSTALL, Declaration, load_declaration
 
 GROUP = "nros_conformance.backends"
+_BASE = "nros_conformance.rmw.backend.Backend"
 
 
 class BackendNotFound(Exception):
@@ -30,6 +34,11 @@ class Unavailable:
 
     reason: str
     install: str
+
+    def __str__(self) -> str:
+        if self.install == NOTHING_TO_INSTALL:
+            return f"{self.reason}; install it, and name the command in backend.toml: [subject] install"
+        return f"{self.reason}; install it: {self.install}"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -48,15 +57,45 @@ class Found:
     provisional: str = ""
 
     def load(self) -> type[Backend]:
-        """Import the adapter class. Raises ImportError when its middleware is missing."""
-        module, _, attribute = self.adapter.partition(":")
-        found = getattr(importlib.import_module(module), attribute)
-        if not (isinstance(found, type) and issubclass(found, Backend)):
-            raise TypeError(f"{self.adapter} is not a subclass of nros_conformance.rmw.Backend")
-        return found
+        """Import the adapter class.
+
+        Raises ImportError when its middleware is missing, `FormatError` when the adapter itself is broken.
+        """
+        name, _, attribute = self.adapter.partition(":")
+        try:
+            module = importlib.import_module(name)
+        except ImportError:
+            raise
+        except Exception as error:  # an adapter may fail as it likes
+            raise _broken(self.adapter, "importing it", error) from error
+        place = getattr(module, "__file__", None) or name
+        found = getattr(module, attribute, None)
+        if found is None:
+            classes = [one for one, value in vars(module).items() if _adapter(value)]
+            raise FormatError(place, None, f"there is no class {attribute!r}", nearest(attribute, classes))
+        if not _adapter(found):
+            raise FormatError(place, None, f"{attribute} is no adapter", f"derive it from {_BASE}")
+        return cast("type[Backend]", found)
+
+    def versions(self, host: Host) -> Mapping[str, str]:
+        """What a fresh adapter says was tested. Raises ImportError and `FormatError` as `load`, `RmwError` as it is."""
+        return self._ask(host, lambda backend: backend.versions())
+
+    def lacking(self, host: Host) -> Mapping[str, str]:
+        """The faults that a fresh adapter cannot inject with its options, and why. Raises as `versions`."""
+        return self._ask(host, lambda backend: backend.lacking())
+
+    def _ask(self, host: Host, question: Callable[[Backend], Mapping[str, str]]) -> Mapping[str, str]:
+        adapter = self.load()
+        try:
+            return question(adapter(host))
+        except RmwError:
+            raise
+        except Exception as error:
+            raise _broken(self.adapter, "creating it", error) from error
 
     def unavailable(self) -> Unavailable | None:
-        """None when the adapter can be imported here."""
+        """None when the adapter can be imported here. Raises `FormatError` when it is broken."""
         assert self.declaration is not None
         subject = self.declaration.subject
         try:
@@ -64,6 +103,21 @@ class Found:
         except ImportError as error:
             return Unavailable(str(error), subject.install)
         return None
+
+
+def _adapter(value: object) -> bool:
+    return isinstance(value, type) and issubclass(value, Backend) and value is not Backend
+
+
+def _broken(adapter: str, what: str, error: Exception) -> FormatError:
+    """Where an adapter raised: the file and line that have to be mended."""
+    said = f"{type(error).__name__}: {error}"
+    if isinstance(error, SyntaxError):
+        return FormatError(error.filename or adapter, error.lineno, f"SyntaxError: {error.msg}")
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    inside = frame.filename != __file__
+    place, line = (frame.filename, frame.lineno) if inside else (adapter, None)
+    return FormatError(place, line, f"{what} raised {said}")
 
 
 def find_backends() -> dict[str, Found]:

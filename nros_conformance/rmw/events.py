@@ -76,3 +76,14 @@ EventStatus: TypeAlias = LivelinessChangedStatus | CountStatus
 
 EventCallback: TypeAlias = Callable[[int, EventStatus, object], None]
 """``callback(kind, status, context)``, called inside ``drive_io`` on the driving thread."""
+
+
+def late_callback(callback: EventCallback) -> EventCallback | None:
+    """What takes the place of a callback that has been released, if it says: its attribute ``late``.
+
+    For boundaries without unregister, where whoever was given a function can call it for ever. An adapter lets
+    go of callback and context (LIF-003), and still tells of a call that comes too late (DSP-004). ``late`` must
+    refer to neither of them; it gets an empty text as the context that it would have got.
+    """
+    late: EventCallback | None = getattr(callback, "late", None)
+    return late

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import subprocess
 import sys
@@ -132,13 +133,13 @@ def test_a_backend_without_its_broker() -> None:
 @pytest.mark.parametrize(
     ("adapter", "why"),
     [
-        ("json:loads", "TypeError: json:loads is not a subclass of nros_conformance.rmw.Backend"),
-        ("json:Backend", "AttributeError: module 'json' has no attribute 'Backend'"),
+        ("json:loads", "loads is no adapter; derive it from nros_conformance.rmw.backend.Backend"),
+        ("json:Backend", "there is no class 'Backend'"),
     ],
 )
 def test_a_backend_that_breaks_when_it_is_loaded(adapter: str, why: str) -> None:
     assert check_backend(Found("mqtt", adapter, declare("mqtt"))) == Check(
-        "mqtt", "broken", costs=f"{adapter}: {why}"
+        "mqtt", "broken", costs=f"{json.__file__}: {why}"
     )  # fmt: skip
 
 

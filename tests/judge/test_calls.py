@@ -4,12 +4,44 @@ from typing import Any
 
 import pytest
 
-from nros_conformance.trace.records import Measure
+from nros_conformance.trace.records import Measure, Starved
 from tests.judge.build import act, call, finding, ms, register, spin, state, take, verdict
 
 
 def answer(result: Any, op: str = "register", raised: str = "", index: int = 0) -> Any:
     return act("a", 10 + index, op=op, entity="listener", session="sub", result=result, raised=raised, index=index)
+
+
+@pytest.mark.parametrize(
+    ("record", "words", "outcome"),
+    [
+        (take("a", 200, -10), ["DATA"], "unclear"),
+        (take("a", 200, 2), ["NO_DATA"], "unclear"),
+        (take("a", 200, -1), ["DATA"], "fail"),  # an error says nothing of arrival
+        (act("a", 200, op="has_data", entity="listener", session="sub", result=False), ["true"], "unclear"),
+        (act("a", 200, op="ping", session="sub", result=-2), ["OK"], "unclear"),
+        (act("a", 200, op="register", entity="listener", session="sub", result=-5), ["OK"], "fail"),
+    ],
+)
+def test_what_has_not_come_while_threads_of_the_backend_had_no_core_is_unclear(
+    record: Any, words: list[str], outcome: str
+) -> None:
+    starved = Starved(begin=ms(150), end=ms(180), wait=ms(50) - ms(0))
+    found = finding({"returns": "a", "is": words}, starved, record)
+    assert found.outcome == outcome
+    assert ("had to wait 50 ms for a core" in found.got) == (outcome == "unclear")
+    assert finding({"returns": "a", "is": words}, record).outcome == "fail"
+
+
+def test_a_number_that_is_wrong_while_threads_of_the_backend_had_no_core_is_unclear() -> None:
+    records = [
+        Measure(label="a", what="listed", value=1, begin=ms(200), end=ms(200)),
+        act("a", 200, op="measure", entity="listener", session="sub"),
+    ]
+    starved = Starved(begin=ms(150), end=ms(180), wait=ms(50) - ms(0))
+    assert finding({"counted": "a", "is": 0}, *records).outcome == "fail"
+    assert finding({"counted": "a", "is": 0}, starved, *records).outcome == "unclear"
+    assert finding({"counted": "a", "is": 1}, starved, *records).outcome == "pass"
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from nros_conformance.trace.records import Cycles
+from nros_conformance.trace.records import Cycles, Starved
 from tests.judge.build import act, finding, ms
 
 
@@ -33,6 +33,13 @@ def test_answers_of_a_step(calls: list[Any], answers: list[int], outcome: str, g
     found = finding({**LOOP, "step": "took", "is": ["DATA"]}, record)
     assert (found.outcome, found.got) == (outcome, got)
     assert found.name == "each cycle of loop: took"
+
+
+@pytest.mark.parametrize(("result", "outcome"), [(-10, "unclear"), (-1, "fail")])
+def test_a_sample_that_had_not_come_because_threads_had_no_core_is_unclear(result: int, outcome: str) -> None:
+    record = summed(calls={"took": [took(1), took(result)]}, answers={"took": [4, 1]})
+    starved = Starved(begin=ms(0), end=ms(9), wait=ms(8) - ms(0))
+    assert finding({**LOOP, "step": "took", "is": ["DATA"]}, starved, record).outcome == outcome
 
 
 @pytest.mark.parametrize(

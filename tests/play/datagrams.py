@@ -7,6 +7,7 @@ import signal
 import socket
 import time
 from pathlib import Path
+from typing import Any
 
 from nros_conformance.rmw.backend import Backend, Entity, Host, Publisher, Session, SessionOptions, Subscription
 from nros_conformance.rmw.codes import ReturnCode
@@ -29,6 +30,15 @@ class DatagramBackend(Backend):
 
     def matched(self, entity: Entity) -> int | None:
         return len(_readers(self.host.scratch)) if isinstance(entity, Publisher) else None
+
+    def inject(self, fault: str, **arguments: Any) -> int:
+        entity, count, publish = arguments["entity"], arguments["count"], arguments["publish"]
+        assert (fault, type(entity)) == ("lose", _Publisher)
+        entity.mute = True
+        try:
+            return min(int(publish()) for _ in range(count))
+        finally:
+            entity.mute = False
 
 
 def _readers(folder: Path) -> list[int]:
@@ -72,6 +82,7 @@ class _Publisher(_Entity, Publisher):
     def __init__(self, host: Host) -> None:
         self._host = host
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.mute = False
 
     def publish_raw(self, data: bytes) -> int:
         match self._host.options.get("publish"):
@@ -83,7 +94,7 @@ class _Publisher(_Entity, Publisher):
                 raise ValueError("no such thing")
             case "hang":
                 time.sleep(3600)
-        for port in _readers(self._host.scratch):
+        for port in [] if self.mute else _readers(self._host.scratch):
             self._socket.sendto(data, ("127.0.0.1", port))
         return ReturnCode.OK
 

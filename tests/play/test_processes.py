@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from nros_conformance.play import remote
 from nros_conformance.play.faketime import NoFaketime, find_faketime, lacking, preload
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play as play_on
@@ -64,6 +65,18 @@ def test_a_sample_goes_from_one_process_to_another_and_is_known_by_name(tmp_path
     assert (first.session, first.entity, first.result, last.index) == ("far", "talker", 0, 2)
     assert first.begin - first.due < last.begin - first.begin + 10_000 * MS  # on one clock
     assert any(spin.session == "far" for spin in of(records, Spin))
+
+
+def test_samples_of_another_process_are_lost_there(tmp_path: Path) -> None:
+    lose = {"fault": "lose", "of": "talker", "count": 3, "as": "hole"}
+    data = {"do": "publish", "by": "talker", "as": "data"}
+    records = play(tmp_path, ["settle", lose, data, {"drive": "1T"}, {"do": "take", "from": "listener"}])
+    assert ended(records) == ("done", "")
+    assert [(one.session, one.result) for one in acts(records, "hole")] == [("far", 0)] * 3
+    assert [(fault.label, fault.of, fault.detail) for fault in of(records, FaultRecord)] == [
+        ("hole", "talker", {"code": 0})
+    ]
+    assert [(one.label, one.sequence) for one in of(records, Message)] == [("data", 4)]
 
 
 def test_the_session_lives_in_another_process_and_its_records_say_so(tmp_path: Path) -> None:
@@ -144,6 +157,31 @@ def test_the_wall_clock_is_stepped_there_and_nowhere_else(tmp_path: Path) -> Non
     assert answers == [False, True, False, False]
     times = [one.begin for one in of(records, Act) if one.session == "far"]
     assert times == sorted(times)  # the monotonic clock is left alone
+
+
+@needs_faketime
+def test_a_process_that_is_long_in_starting_is_no_backend_that_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = tmp_path / "python"
+    slow.write_text(f'#!/bin/sh\nsleep 1.5\nexec {sys.executable} "$@"\n')
+    slow.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(slow))
+    step = {"fault": "clock_step", "of": "far", "by": "1h"}
+    records = play(tmp_path, [{"drive": "1T"}, step, {"do": "publish", "by": "talker"}], hang_ns=1_000 * MS)
+    assert ended(records) == ("done", "")
+
+
+@needs_faketime
+def test_a_process_that_does_not_start_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "_START_NS", 100 * MS)
+    slow = tmp_path / "python"
+    slow.write_text("#!/bin/sh\nexec sleep 60\n")
+    slow.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(slow))
+    step = {"fault": "clock_step", "of": "far", "by": "1h"}
+    records = play(tmp_path, [{"drive": "1T"}, step])
+    assert ended(records) == ("error", "the process of session far has not started within 0.1 s")
 
 
 def test_without_the_library_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

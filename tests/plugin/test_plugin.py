@@ -214,7 +214,10 @@ def test_a_missing_package_ends_with_the_command_that_installs_it(author: pytest
     author.path.joinpath("mine", "__init__.py").write_text("import not_there\n", encoding="utf-8")
     done = run(author, "--nros-backend", "mine:Mine")
     assert done.ret == 5
-    assert "mine missing: No module named 'not_there'; install it: nothing to install" in done.stderr.str()
+    assert (
+        "mine missing: No module named 'not_there'; install it, and name the command in backend.toml: [subject] install"
+        in done.stderr.str()
+    )
 
 
 def test_durations_are_those_of_the_plays(author: pytest.Pytester) -> None:

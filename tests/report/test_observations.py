@@ -121,6 +121,20 @@ def test_a_broken_link_silences_the_peer_for_its_own_session() -> None:
     assert found == [("ping", "session", None, "reachable", 0), ("ping", "session", None, "silent", -2)]
 
 
+def test_a_ping_without_time_is_no_observation() -> None:
+    stop = FaultRecord(label="s", fault="stop", begin=0, end=1)
+    found = cases(
+        act("ping", "", -2, timeout_ms=0), act("ping", "", 0, timeout_ms=130), stop, act("ping", "", -2, timeout_ms=0)
+    )
+    assert found == [("ping", "session", None, "reachable", 0)]
+
+
+def test_pings_of_a_play_that_the_host_disturbed_are_left_out_and_nothing_else_is() -> None:
+    disturbed = trace(act("ping", "", -2, timeout_ms=130), act("register", "listener", -4, kind=1))
+    assert [one.call for one in observe(disturbed)] == ["ping", "register"]
+    assert [one.call for one in observe(disturbed, pings=False)] == ["register"]
+
+
 def test_what_raised_or_answered_no_code_is_no_observation() -> None:
     raised = act("register", "listener", 0, kind=0, raised="KeyError")
     odd = act("register", "listener", "odd", kind=0)

@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from nros_conformance.formats.places import FormatError
-from nros_conformance.rmw.declaration import load_declaration
-from nros_conformance.rmw.discovery import BackendNotFound, find_backend, find_backends
+from nros_conformance.rmw.backend import Host
+from nros_conformance.rmw.clock import MonotonicClock
+from nros_conformance.rmw.declaration import NOTHING_TO_INSTALL, load_declaration
+from nros_conformance.rmw.discovery import BackendNotFound, Unavailable, find_backend, find_backends
 from nros_conformance.rmw.events import EventKind
 
 GOOD = """\
@@ -120,8 +122,43 @@ def test_a_backend_is_found_by_module_and_class(package: Path) -> None:
     (package / "backend.toml").write_text(GOOD, encoding="utf-8")
     found = find_backend("mine:Backend")
     assert (found.name, found.adapter, found.error) == ("mine", "mine:Backend", None)
-    with pytest.raises(TypeError, match=r"mine:Backend is not a subclass of nros_conformance\.rmw\.Backend"):
+    with pytest.raises(FormatError) as error:
         found.load()
+    assert str(error.value) == (
+        f"{package / '__init__.py'}: Backend is no adapter; derive it from nros_conformance.rmw.backend.Backend"
+    )
+
+
+_DERIVED = "from nros_conformance.rmw.backend import Backend\n"
+
+
+@pytest.mark.parametrize(("code", "said"), [
+    ("x = 1\nraise ValueError('no licence')\n", ":2: importing it raised ValueError: no licence"),
+    ("class Backend(\n", ":1: SyntaxError: '(' was never closed"),
+    ("class Bakend: pass\n", ": there is no class 'Backend'"),
+    (_DERIVED + "class MyBackend(Backend): pass\ndel Backend\n",
+     ": there is no class 'Backend'; did you mean 'MyBackend'?"),
+    (_DERIVED.replace("import Backend", "import Backend as B") + "class Backend(B): pass\n",
+     "mine:Backend: creating it raised TypeError: Can't instantiate abstract class Backend"),
+    (_DERIVED.replace("import Backend", "import Backend as B")
+     + "class Backend(B):\n    def __init__(self, host):\n        raise OSError('no card')\n"
+     + "    def create_session(self, options): ...\n",
+     ":4: creating it raised OSError: no card"),
+])  # fmt: skip
+def test_an_adapter_that_is_broken_names_the_place_and_what_it_raised(package: Path, code: str, said: str) -> None:
+    (package / "backend.toml").write_text(GOOD, encoding="utf-8")
+    (package / "__init__.py").write_text(code, encoding="utf-8")
+    found = find_backend("mine:Backend")
+    with pytest.raises(FormatError) as error:
+        found.versions(Host(clock=MonotonicClock()))
+    assert str(error.value).startswith(said if said.startswith("mine") else f"{package / '__init__.py'}{said}")
+
+
+def test_what_is_missing_is_told_with_its_command_or_with_where_to_name_one() -> None:
+    assert str(Unavailable("No module named 'x'", "pip install x")) == "No module named 'x'; install it: pip install x"
+    assert str(Unavailable("No module named 'x'", NOTHING_TO_INSTALL)) == (
+        "No module named 'x'; install it, and name the command in backend.toml: [subject] install"
+    )
 
 
 def test_an_adapter_without_declaration_or_module_says_so(package: Path) -> None:

@@ -92,15 +92,7 @@ class End(ClockedEnd):
 
     def look(self, now_ns: int) -> None:
         """Find what time has brought, and queue callbacks."""
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
-
-    def sample(self, at_ns: int) -> None:
-        """A sample came, respectively went: the period begins anew."""
-        self.last_ns = at_ns
-        if self.deadline is not None:
-            self.deadline.restart(at_ns)
+        self.poll(now_ns)
 
 
 def topic_digest(topic: str) -> bytes:

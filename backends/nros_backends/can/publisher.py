@@ -64,7 +64,7 @@ class CanPublisher(End, Publisher):
             if code == ReturnCode.OK:
                 code = self.session.herald.sample(self.outlet, payload)
             if code == ReturnCode.OK:
-                self.sample(self.session.clock.now_ns())
+                self.moved(self.session.clock.now_ns())
             return code
 
     def assert_liveliness(self) -> int:

@@ -18,6 +18,7 @@ from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.dispatch import ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.qos import Liveliness, QosProfile
 
 LEASE_MS = 1_000
@@ -58,8 +59,7 @@ class CanSession(Session):
         self._ends: tuple[End, ...] = ()
         self._last_number = 0
         self._pending: Frame | None = None
-        self._driving = threading.Lock()
-        self._driver: int | None = None
+        self._driving = Driving(clock)
         self._look_ns = clock.now_ns()
         self.herald.beat(self._look_ns, ())  # before any data: whoever knew this node before forgets it
 
@@ -88,17 +88,10 @@ class CanSession(Session):
         Returns early once a callback ran or a sample came. A negative timeout is 0 (C10).
         INVALID_CONFIG, after having driven, while another node on the bus uses this node's id.
         """
-        if self.closed or not isinstance(timeout_ms, int) or (max_callbacks is not None and max_callbacks < 0):
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if not self._driving.acquire(blocking=False):
-            return ReturnCode.WOULD_BLOCK
-        self._driver = threading.get_ident()
-        try:
-            self._drive(self.clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
-        finally:
-            self._driver = None
-            self._driving.release()
-        return ReturnCode.INVALID_CONFIG if self.collides() else ReturnCode.OK
+        code = self._driving.drive(timeout_ms, max_callbacks, self._drive)
+        return ReturnCode.INVALID_CONFIG if code == ReturnCode.OK and self.collides() else code
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """UNSUPPORTED: there is no peer."""
@@ -114,15 +107,9 @@ class CanSession(Session):
             for end in self._ends:
                 end.destroy()
             self.herald.said.clear()
-        outside = self._driver != threading.get_ident()
-        if outside:
-            self._driving.acquire()
-        try:
+        with self._driving.ended():
             self.link.close()
             self._on_close()
-        finally:
-            if outside:
-                self._driving.release()
         return ReturnCode.OK
 
     # For the entities.

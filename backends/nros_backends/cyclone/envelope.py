@@ -44,7 +44,7 @@ SampleType: TypeAlias = type[IdlStruct]
 class Received:
     """One sample as taken from DDS. ``payload`` is None for wire bytes that are no such sample."""
 
-    __slots__ = ("announced", "expires_ns", "number", "payload", "publisher", "sample_info", "sent_ns", "waiting")
+    __slots__ = ("expires_ns", "number", "payload", "publisher", "sample_info", "sent_ns")
 
     def __init__(self, publisher: bytes, number: int, sent_ns: int, expires_ns: int, payload: bytes | None) -> None:
         self.publisher = publisher
@@ -52,10 +52,6 @@ class Received:
         self.sent_ns = sent_ns
         self.expires_ns = expires_ns
         self.payload = payload
-        self.waiting = False
-        """Whether it stands in the receive queue."""
-        self.announced = False
-        """Whether a message callback for it is queued, or has run."""
         self.sample_info: Any = None
         """Set by the binding."""
 

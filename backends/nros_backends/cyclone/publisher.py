@@ -89,9 +89,7 @@ class CyclonePublisher(End, Publisher):
             status = writer.get_offered_deadline_missed_status()  # type: ignore[no-untyped-call]
             count_to(self.missed, status.total_count, now_ns)
         self._note_sent()
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
         return False
 
     def send_heartbeat(self) -> bool:
@@ -104,13 +102,13 @@ class CyclonePublisher(End, Publisher):
                 return False
             return self.session.native.assert_liveliness(writer) == ReturnCode.OK
 
-    def knows(self, guid: uuid.UUID) -> bool:
+    def met(self) -> list[uuid.UUID]:
         writer = self._writer
         if writer is None:
-            return False
+            return []
         handles = handles_of(writer.get_matched_subscriptions)
         found = (writer.get_matched_subscription_data(handle) for handle in handles)
-        return any(end is not None and end.key == guid for end in found)
+        return [end.key for end in found if end is not None]
 
     def matched(self) -> int:
         writer = self._writer
@@ -122,9 +120,7 @@ class CyclonePublisher(End, Publisher):
 
     def _note_sent(self) -> None:
         while self._sent:
-            self.last_ns = self._sent.popleft()
-            if self.deadline is not None:
-                self.deadline.restart(self.last_ns)
+            self.moved(self._sent.popleft())
 
     def release(self) -> None:
         with self._writing:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from nros_backends.cyclone.ear import Ear
 from nros_backends.cyclone.ends import End
 from nros_backends.cyclone.envelope import dds_type_name, sample_type
 from nros_backends.cyclone.native import Native, return_code
@@ -25,6 +27,7 @@ from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.dispatch import ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.qos import QosProfile
 
 _WAIT_MAX_NS = 3_600_000 * MS
@@ -36,11 +39,16 @@ _E = TypeVar("_E", bound=End)
 class CycloneSession(Session):
     """Own sockets and threads, so that two sessions of one process meet on the network."""
 
-    def __init__(self, clock: Clock, native: Native, domain: Domain, participant: DomainParticipant) -> None:
+    def __init__(
+        self, clock: Clock, native: Native, domain: Domain, participant: DomainParticipant, ear: Ear | None = None
+    ) -> None:
         self.clock = clock
         self.native = native
         self.queue = ReadyQueue()
         self.closed = False
+        self.guid: uuid.UUID = participant.get_guid()
+        self.ear = ear
+        """Where faults are injected that need to know what is on the wire."""
         self.dispatching = threading.RLock()
         """Held while events are found and callbacks run, not while `drive_io` waits."""
         self._domain: Domain | None = domain
@@ -51,8 +59,7 @@ class CycloneSession(Session):
         self._receiver: Receiver | None = None
         self._ends: tuple[End, ...] = ()
         self._looked_ns = clock.now_ns()
-        self._driving = threading.Lock()
-        self._driver: int | None = None
+        self._driving = Driving(clock)
         self._waiting = False
         self._noted = False
         self._closing = threading.Lock()
@@ -72,17 +79,9 @@ class CycloneSession(Session):
 
         Returns early once a callback ran or a sample came. A negative timeout is 0 (C10).
         """
-        if self.closed or not isinstance(timeout_ms, int) or (max_callbacks is not None and max_callbacks < 0):
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if not self._driving.acquire(blocking=False):
-            return ReturnCode.WOULD_BLOCK
-        self._driver = threading.get_ident()
-        try:
-            self._drive(self.clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
-        finally:
-            self._driver = None
-            self._driving.release()
-        return ReturnCode.OK
+        return self._driving.drive(timeout_ms, max_callbacks, self._drive)
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         return ReturnCode.INVALID_ARGUMENT if self.closed else ReturnCode.UNSUPPORTED
@@ -94,29 +93,30 @@ class CycloneSession(Session):
                 return ReturnCode.INVALID_ARGUMENT
             self.closed = True
         self.note()
-        outside = self._driver != threading.get_ident()
-        if outside:
-            self._driving.acquire()  # until the driver has left, and for good
-        try:
+        with self._driving.ended():
             with self.dispatching:
                 for end in self._ends:
                     end.destroy()
             if self._receiver is not None:
                 self._receiver.stop()
             self._receiver = self._waitset = self._guard = None
+            if self.ear is not None:
+                self.ear.close()
             # The domain goes last: deleting it would delete everything in it.
             with ONE_DOMAIN_AT_A_TIME:
                 self._participant = None
                 self._domain = None
-        finally:
-            if outside:
-                self._driving.release()
         return ReturnCode.OK
 
     def deafmute(self, *, deaf: bool, mute: bool) -> int:
         """Harness: cut this session off the network, one way or both, until called with False."""
         participant = self._participant
         return ReturnCode.INVALID_ARGUMENT if participant is None else self.native.deafmute(participant, deaf, mute)
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """Its entities."""
+        return self._ends
 
     # For the entities.
 

@@ -13,11 +13,12 @@ from cyclonedds.sub import DataReader
 from nros_backends.cyclone.ends import End, count_to, handles_of
 from nros_backends.cyclone.envelope import Received
 from nros_conformance.rmw.backend import MessageCallback, Subscription
-from nros_conformance.rmw.clock import MS, NEVER
+from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.detection import GapTracker, LivelinessTally, Source
 from nros_conformance.rmw.events import EventKind
-from nros_conformance.rmw.qos import History, QosProfile
+from nros_conformance.rmw.qos import QosProfile
+from nros_conformance.rmw.receive_queue import ReceiveQueue
 
 if TYPE_CHECKING:
     from nros_backends.cyclone.session import CycloneSession
@@ -46,51 +47,28 @@ class CycloneSubscription(End, Subscription):
         super().__init__(session, topic, type_name, qos, reader, sources)
         self.reader: DataReader[Any] | None = reader
         self.created_ns = session.clock.now_ns()
-        self._depth = None if qos.history is History.KEEP_ALL else qos.depth
-        self._waiting: collections.deque[Received] = collections.deque()
-        self._expires_ns = NEVER
-        """No waiting sample expires before."""
+        self._waiting = ReceiveQueue(qos, self.registry, session.clock)
         self._arrivals: collections.deque[tuple[int, Received]] = collections.deque()
         """What was taken from DDS, and when; `look` works it off."""
         self._sent_ns: int | None = None
         """When the sample accepted last was sent."""
         self._more = False
-        self._dropped = 0
-        """Taken by the application into too small a buffer, not yet counted."""
-        self._message: tuple[MessageCallback, object] | None = None
         self._lock = threading.Lock()
-        """Guards the reader, the arrivals and the queue; never held during a callback."""
+        """Guards the reader and the arrivals; never held during a callback."""
 
     def has_data(self) -> bool | int:
-        if self.closed:
-            return ReturnCode.INVALID_ARGUMENT
-        with self._lock:
-            self._expire(self.session.clock.now_ns())
-            return bool(self._waiting)
+        return self._waiting.has_data()
 
     def try_recv_raw(self, max_size: int) -> bytes | int:
         """The oldest sample. One larger than ``max_size`` is dropped and counted as lost (ROB-002)."""
-        if self.closed or not isinstance(max_size, int) or max_size < 0:
-            return ReturnCode.INVALID_ARGUMENT
-        with self._lock:
-            self._expire(self.session.clock.now_ns())
-            if not self._waiting:
-                return ReturnCode.NO_DATA
-            payload = self._pop().payload
-            assert payload is not None
-            if len(payload) <= max_size:
-                return payload
-            self._dropped += 1
-        self.session.note()
-        return ReturnCode.BUFFER_TOO_SMALL
+        taken = self._waiting.try_recv_raw(max_size)
+        if taken == ReturnCode.BUFFER_TOO_SMALL:
+            self.session.note()
+        return taken
 
     def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
-        if self.closed:
-            return ReturnCode.INVALID_ARGUMENT
         with self.session.dispatching:
-            self._message = None if callback is None else (callback, context)
-            self._announce(self.session.clock.now_ns())
-        return ReturnCode.OK
+            return self._waiting.set_message_callback(callback, context)
 
     def fetch(self) -> bool:
         """Take what DDS has received; whether there was anything. Any thread.
@@ -125,18 +103,16 @@ class CycloneSubscription(End, Subscription):
             total = reader.get_requested_deadline_missed_status().total_count  # type: ignore[no-untyped-call]
             count_to(self.missed, total, max(before_ns, min(self._first_due_ns(now_ns), now_ns)))
         fresh = self._accept(before_ns, now_ns)
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
         return fresh or self._more
 
-    def knows(self, guid: uuid.UUID) -> bool:
+    def met(self) -> list[uuid.UUID]:
         reader = self.reader
         if reader is None:
-            return False
+            return []
         handles = handles_of(reader.get_matched_publications)
         found = (reader.get_matched_publication_data(handle) for handle in handles)
-        return any(end is not None and end.key == guid for end in found)
+        return [end.key for end in found if end is not None]
 
     def matched(self) -> int:
         reader = self.reader
@@ -145,9 +121,8 @@ class CycloneSubscription(End, Subscription):
     def release(self) -> None:
         with self._lock:
             self.reader = None
-            self._message = None
             self._arrivals.clear()
-            self._waiting.clear()
+        self._waiting.clear()
         super().release()
 
     def _time(self, period_ns: int) -> None:
@@ -160,24 +135,18 @@ class CycloneSubscription(End, Subscription):
         while self._arrivals:
             fresh = True
             arrived_ns, sample = self._arrivals.popleft()
-            self.last_ns = arrived_ns
+            self.moved(arrived_ns)
             self._sent_ns = sample.sent_ns
-            if self.deadline is not None:
-                self.deadline.restart(arrived_ns)
             # Ready since it was sent, as far as the order of callbacks goes, but not before the last look.
             ready_ns = max(before_ns, min(sample.sent_ns, now_ns))
             self._gaps.sample(sample.publisher, sample.number, ready_ns)
-            with self._lock:
-                sample.waiting = True
-                self._waiting.append(sample)
-                self._expires_ns = min(self._expires_ns, sample.expires_ns)
-                self._expire(now_ns)
-                while self._depth is not None and len(self._waiting) > self._depth:
-                    # History of before this subscription may not fit, but is not lost either (MSL-004).
-                    self._gaps.losses.add(int(self._pop().sent_ns >= self.created_ns), ready_ns)
-            self._announce(ready_ns)
-        self._gaps.losses.add(self._dropped, now_ns)
-        self._dropped = 0
+            assert sample.payload is not None
+            lost = self._waiting.put(
+                sample.payload, ready_ns, expires_ns=sample.expires_ns, history=sample.sent_ns < self.created_ns,
+                now_ns=now_ns,
+            )  # fmt: skip
+            self._gaps.losses.add(lost, ready_ns)
+        self._gaps.losses.add(self._waiting.dropped(), now_ns)
         return fresh
 
     def _first_due_ns(self, now_ns: int) -> int:
@@ -189,34 +158,3 @@ class CycloneSubscription(End, Subscription):
                 break
             latest_ns = sample.sent_ns
         return now_ns if latest_ns is None else latest_ns + period_ns
-
-    def _announce(self, ready_ns: int) -> None:
-        """Queue a message callback for each waiting sample that has none yet."""
-        if self._message is None:
-            return
-        for sample in tuple(self._waiting):
-            if not sample.announced:
-                sample.announced = True
-                self.session.queue.push(ready_ns, lambda sample=sample: self._call_message(sample))  # type: ignore[misc]
-
-    def _call_message(self, sample: Received) -> bool:
-        """One callback per sample that can still be taken."""
-        if self._message is None or not sample.waiting or sample.expires_ns <= self.session.clock.now_ns():
-            return False
-        callback, context = self._message
-        callback(context)
-        return True
-
-    def _expire(self, now_ns: int) -> None:
-        """Drop what has outlived its lifespan, which is not loss (MSL-006)."""
-        if now_ns < self._expires_ns:
-            return
-        for sample in self._waiting:
-            sample.waiting = sample.expires_ns > now_ns
-        self._waiting = collections.deque(sample for sample in self._waiting if sample.waiting)
-        self._expires_ns = min((sample.expires_ns for sample in self._waiting), default=NEVER)
-
-    def _pop(self) -> Received:
-        sample = self._waiting.popleft()
-        sample.waiting = False
-        return sample

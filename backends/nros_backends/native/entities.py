@@ -6,6 +6,7 @@ import ctypes as ct
 from typing import TYPE_CHECKING
 
 from nros_backends.native.abi import EntityStruct, EventFunction, PublisherOptions, Qos, SubscriptionOptions
+from nros_backends.native.callbacks import Registration
 from nros_backends.native.storage import Storage
 from nros_conformance.rmw.backend import Entity, Publisher, Subscription
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
@@ -44,6 +45,8 @@ class NativeEntity(Entity):
         self.library = library = session.library
         self.topic, self.type_name, self.qos = topic, type_name, qos
         self.destroyed = False
+        self._registered: dict[int, Registration] = {}
+        """Those in force, by kind."""
         try:
             names = (library.strings.address(topic), library.strings.address(type_name))
         except ValueError as error:
@@ -81,19 +84,35 @@ class NativeEntity(Entity):
         slot = f"register_{self.side.value}_event"
         if self.library.slots[slot] is None:
             return ReturnCode.UNSUPPORTED
-        function, user = EventFunction(), 0
-        if callback is not None:
-            function, user = self.library.callbacks.make(kind, callback, context)
+        made = None if callback is None else self.library.callbacks.make(kind, callback, context)
+        function, user = (EventFunction(), 0) if made is None else (made.function.pointer, made.pointer)
         with self.storage.lent() as handle, self.library.callbacks.calls:
-            return int(self.library.slots[slot](handle, kind, deadline_ms, function, user))
+            code = int(self.library.slots[slot](handle, kind, deadline_ms, function, user))
+            if made is not None and code == ReturnCode.OK and not self.destroyed:
+                self._release(self._registered.pop(kind, None))
+                self._registered[kind] = made
+            else:
+                self._release(made)
+        return code
+
+    def _release(self, *registrations: Registration | None) -> None:
+        """C has no unregister: the adapter lets go, and remembers for a while whose a late call would be."""
+        for one in registrations:
+            if one is not None:
+                self.library.callbacks.release(one)
+                self.session.released.append(one)
 
     def destroy(self) -> int:
         if self.destroyed:
             return ReturnCode.INVALID_ARGUMENT
         self.destroyed = True
         self.session.entities.remove(self)
-        with self.storage.lent() as handle, self.library.callbacks.calls:
-            self.library.slots[f"destroy_{self.side.value}"](handle)
+        try:
+            with self.storage.lent() as handle, self.library.callbacks.calls:
+                self.library.slots[f"destroy_{self.side.value}"](handle)
+        finally:
+            self._release(*self._registered.values())
+            self._registered.clear()
         return ReturnCode.OK
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from nros_backends.native.abi import SessionStruct
+from nros_backends.native.callbacks import Registration
 from nros_backends.native.entities import NativeEntity, NativePublisher, NativeSubscription, refusal
 from nros_backends.native.library import Library
 from nros_backends.native.options import MODES
@@ -17,16 +20,20 @@ _INT32_MAX = 2**31 - 1
 class NativeSession(Session):
     """Calls go straight to the vtable. It goes as the runtime lets it go: its entities first."""
 
-    def __init__(self, library: Library, options: SessionOptions, domain: int) -> None:
-        """Create it. Raises `RmwError`."""
+    def __init__(
+        self, library: Library, options: SessionOptions, domain: int, released: deque[Registration] | None = None
+    ) -> None:
+        """Create it. Raises `RmwError`. ``released``: where registrations go whose late calls are told."""
         if options.connection_lease_ms or options.hard_liveliness_ms:
             raise RmwError(
                 ReturnCode.INVALID_CONFIG, "the C boundary knows neither connection lease nor hard liveliness"
             )
         self.library = library
         self.domain = domain
+        self.node_name = options.node_name
         self.closed = False
         self.entities: list[NativeEntity] = []
+        self.released: deque[Registration] = deque(maxlen=0) if released is None else released
         node, space = library.strings.address(options.node_name), library.strings.address("/")
         self.storage = Storage(
             SessionStruct(node_name=node, namespace_=space), library.graveyard,

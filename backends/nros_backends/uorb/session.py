@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import random
+
 from nros_backends.uorb.domain import Domain
 from nros_backends.uorb.entities import Surroundings, UorbPublisher, UorbSubscription
 from nros_backends.uorb.qos import in_force
 from nros_conformance.rmw.backend import Publisher, Session, Subscription
-from nros_conformance.rmw.clock import MS, Clock
+from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.qos import QosProfile
 
 
@@ -18,7 +21,7 @@ class UorbSession(Session):
         self._here = Surroundings(domain, clock)
         self._clock = clock
         self._closed = False
-        self._driving = False
+        self._driving = Driving(clock)
 
     def create_publisher(self, topic: str, type_name: str, qos: QosProfile) -> Publisher:
         self._check_open()
@@ -34,19 +37,9 @@ class UorbSession(Session):
         A sample ends the waiting once, when it arrives, whether or not it is then taken. A negative
         timeout is none (C10). WOULD_BLOCK when this session is being driven already.
         """
-        if self._closed or not _whole(timeout_ms) or not (max_callbacks is None or _whole(max_callbacks)):
+        if self._closed:
             return ReturnCode.INVALID_ARGUMENT
-        if max_callbacks is not None and max_callbacks < 0:
-            return ReturnCode.INVALID_ARGUMENT
-        with self._here.domain.lock:
-            if self._driving:
-                return ReturnCode.WOULD_BLOCK
-            self._driving = True
-        try:
-            self._drive(self._clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
-        finally:
-            self._driving = False
-        return ReturnCode.OK
+        return self._driving.drive(timeout_ms, max_callbacks, self._drive)
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """UNSUPPORTED: there is no peer."""
@@ -70,10 +63,13 @@ class UorbSession(Session):
                 return
             self._clock.wait(self._here.wake, until_ns)
 
+    def disturb(self, chance: random.Random, count: int) -> int:
+        """Harness: see `Domain.disturb`. OK, or INVALID_ARGUMENT."""
+        if self._closed:
+            return ReturnCode.INVALID_ARGUMENT
+        self._here.domain.disturb(chance, count)
+        return ReturnCode.OK
+
     def _check_open(self) -> None:
         if self._closed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
-
-
-def _whole(number: object) -> bool:
-    return isinstance(number, int)

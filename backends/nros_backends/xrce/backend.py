@@ -63,6 +63,8 @@ LEASE_MIN_MS, LEASE_MAX_MS = 20, 3_600_000
 class XrceBackend(Backend):
     """DDS-XRCE. The option ``agent`` (HOST:PORT) names an agent of the user's, for any variant."""
 
+    option_names = ("agent",)
+
     def __init__(self, host: Host) -> None:
         super().__init__(host)
         self._sessions: set[XrceSession] = set()
@@ -147,6 +149,11 @@ class XrceBackend(Backend):
     def inject(self, fault: str, **arguments: Any) -> int:
         """See `faults`."""
         return inject(fault, arguments)
+
+    def lacking(self) -> Mapping[str, str]:
+        if not isinstance(self._environment, UserAgent):
+            return {}
+        return dict.fromkeys(("stop", "start"), self._environment.not_ours)
 
     def versions(self) -> Mapping[str, str]:
         return {"DDS-XRCE": "1.0"}

@@ -30,15 +30,3 @@ class End(ClockedEnd):
             return ReturnCode.INVALID_ARGUMENT
         self.registry.close()
         return self.session.remove(self)
-
-    def moved(self, at_ns: int) -> None:
-        """A sample came, respectively went."""
-        self.last_ns = at_ns
-        if self.deadline is not None:
-            self.deadline.restart(at_ns)
-
-    def look(self, known_ns: int) -> None:
-        """Find what has happened up to ``known_ns``, and queue callbacks."""
-        if self.deadline is not None:
-            self.deadline.update(known_ns)
-        self.registry.poll()

@@ -20,6 +20,7 @@ from nros_conformance.rmw.backend import Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.dispatch import ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.qos import QosProfile, Reliability
 
 CAPACITY = 2**18
@@ -50,7 +51,7 @@ class XrceSession(Session):
         self._ends: tuple[End, ...] = ()
         self._readers: dict[int, XrceSubscription] = {}
         self._objects = Objects()
-        self._driving = False
+        self._driving = Driving(clock)
         self._reported = State.WELL
         self.client = Client(attachment.transport, clock, config, self._arrived, lease_ns)
         try:
@@ -128,16 +129,11 @@ class XrceSession(Session):
         Returns early once a callback ran, a sample came or the agent was found lost. WOULD_BLOCK: from
         inside of a callback. A negative timeout is 0 (C10).
         """
-        if self.closed or not isinstance(timeout_ms, int) or (max_callbacks is not None and max_callbacks < 0):
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if self._driving:
-            return ReturnCode.WOULD_BLOCK
-        self._driving = True
-        try:
-            self._drive(self.clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
-        finally:
-            self._driving = False
-        return ReturnCode.OK if self.client.health.state is State.WELL else ReturnCode.CONNECTION_FAILED
+        code = self._driving.drive(timeout_ms, max_callbacks, self._drive)
+        well = self.client.health.state is State.WELL
+        return ReturnCode.CONNECTION_FAILED if code == ReturnCode.OK and not well else code
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """OK; TIMEOUT, also when the agent answers that it does not know this session; INVALID_ARGUMENT.
@@ -177,7 +173,7 @@ class XrceSession(Session):
         while not self.closed:
             self.client.service()
             for end in self._ends:
-                end.look(self.client.known_ns)
+                end.poll(self.client.known_ns)
             lost = self.client.health.state is not self._reported
             self._reported = self.client.health.state
             if self.queue.drain(max_callbacks) or self.client.fresh != fresh or lost:

@@ -273,6 +273,9 @@ class ReliableInput:
         return bodies
 
     def _give_up(self) -> None:
-        """Throw fragments away up to the next last one: some are missing, or they are too many."""
+        """Throw fragments away up to the next last one: some are missing, or they are too many.
+
+        Where the last one is missing too, that of the next sample in fragments ends it: none says that it is a first.
+        """
         self._skipping = True
         self._joined.clear()

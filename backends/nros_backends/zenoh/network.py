@@ -108,7 +108,14 @@ class Network:
         """Whether all connections of ``owner`` pass proxies of this process."""
         if not self._proxies or not self._processes:
             return self._proxies
-        return not self.ports(owner) and bool(self._links_of(owner))
+        links = self._links_of(owner)
+        with self._lock:
+            transports = [one for one in self._joined if one.owner is owner]
+            others = set(self._peers()) - {one.port for one in transports}
+            # A peer that came later has connected to this one directly.
+            return bool(links) and all(
+                others <= {link.far for link in links if link.near is one} for one in transports if one.port
+            )
 
     def ports(self, owner: object) -> list[int]:
         """Where the transports of ``owner`` listen."""

@@ -141,9 +141,7 @@ class ZenohPublisher(End, Publisher):
     def look(self, now_ns: int) -> None:
         self.expire(now_ns)
         self._note_sent()
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
 
     def meets(self, other: Token) -> bool:
         return other.side is Side.SUBSCRIPTION and self._shares_topic(other) and compatible(self.qos, other.qos)
@@ -187,6 +185,4 @@ class ZenohPublisher(End, Publisher):
         with self._writing:
             sent, self._sent = self._sent, collections.deque()
         for at_ns in sent:
-            self.last_ns = at_ns
-            if self.deadline is not None:
-                self.deadline.restart(at_ns)
+            self.moved(at_ns)

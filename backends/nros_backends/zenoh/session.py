@@ -23,9 +23,10 @@ from nros_backends.zenoh.policies import admit
 from nros_backends.zenoh.publisher import ZenohPublisher
 from nros_backends.zenoh.subscription import ZenohSubscription
 from nros_conformance.rmw.backend import Publisher, Session, Subscription
-from nros_conformance.rmw.clock import MS, NEVER, Clock
+from nros_conformance.rmw.clock import NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.dispatch import ReadyQueue
+from nros_conformance.rmw.driving import Driving
 from nros_conformance.rmw.events import Side
 from nros_conformance.rmw.qos import Liveliness, QosProfile, is_finite
 
@@ -68,8 +69,7 @@ class ZenohSession(Session):
         self._links: set[str] = set()
         """Whom its transport is connected to."""
         self._watch: Watch | None = None
-        self._driving = threading.Lock()
-        self._driver: int | None = None
+        self._driving = Driving(clock)
         self._closing = threading.Lock()
         self.zenoh = network.join(self, locator, lease_ms).session
         try:
@@ -119,17 +119,11 @@ class ZenohSession(Session):
         CONNECTION_FAILED when it is over and the router is not there. Returns early once a callback ran or a
         sample came. A negative timeout is 0 (C10).
         """
-        if self.closed or not isinstance(timeout_ms, int) or (max_callbacks is not None and max_callbacks < 0):
+        if self.closed:
             return ReturnCode.INVALID_ARGUMENT
-        if not self._driving.acquire(blocking=False):
-            return ReturnCode.WOULD_BLOCK
-        self._driver = threading.get_ident()
-        try:
-            self._drive(self.clock.now_ns() + max(timeout_ms, 0) * MS, max_callbacks)
-        finally:
-            self._driver = None
-            self._driving.release()
-        return ReturnCode.OK if self.closed or self.connected else ReturnCode.CONNECTION_FAILED
+        code = self._driving.drive(timeout_ms, max_callbacks, self._drive)
+        reached = self.closed or self.connected
+        return ReturnCode.CONNECTION_FAILED if code == ReturnCode.OK and not reached else code
 
     def ping(self, timeout_ms: int, attempts: int = 1) -> int:
         """OK when the router has answered; UNSUPPORTED between peers."""
@@ -146,10 +140,7 @@ class ZenohSession(Session):
                 return ReturnCode.INVALID_ARGUMENT
             self.closed = True
         self.note()
-        outside = self._driver != threading.get_ident()
-        if outside:
-            self._driving.acquire()  # until the driver has left, and for good
-        try:
+        with self._driving.ended():
             if self._watch is not None:
                 self._watch.stop()
             for end in tuple(self._ends.values()):
@@ -157,9 +148,6 @@ class ZenohSession(Session):
             # Nothing of ours is held here: closing waits for callbacks of zenoh that are running.
             self._network.leave(self)
             self._inbox.clear()
-        finally:
-            if outside:
-                self._driving.release()
         return ReturnCode.OK
 
     # For the entities, and the harness.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import collections
-import threading
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -20,25 +18,11 @@ from nros_conformance.rmw.clock import MS, NEVER
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.detection import LivelinessCounter, Source
 from nros_conformance.rmw.events import EventKind, Side
-from nros_conformance.rmw.qos import Durability, History, is_finite
+from nros_conformance.rmw.qos import Durability, is_finite
+from nros_conformance.rmw.receive_queue import ReceiveQueue
 
 if TYPE_CHECKING:
     from nros_backends.zenoh.session import ZenohSession
-
-
-class _Received:
-    """A sample in the queue."""
-
-    __slots__ = ("announced", "expires_ns", "history", "payload", "waiting")
-
-    def __init__(self, payload: bytes, expires_ns: int, history: bool) -> None:
-        self.payload = payload
-        self.expires_ns = expires_ns
-        self.history = history
-        """Whether it was sent before this subscription knew its publisher."""
-        self.waiting = True
-        self.announced = False
-        """Whether a message callback for it is queued, or has run."""
 
 
 class ZenohSubscription(End, Subscription):
@@ -54,22 +38,13 @@ class ZenohSubscription(End, Subscription):
             EventKind.MESSAGE_LOST: self._numbers.losses,
         }
         super().__init__(session, topic, type_name, token, sources)
-        qos = self.qos
-        self._depth = None if qos.history is History.KEEP_ALL else qos.depth
-        self._waiting: collections.deque[_Received] = collections.deque()
-        self._expires_ns = NEVER
-        """No waiting sample expires before."""
+        self._waiting = ReceiveQueue(self.qos, self.registry, session.clock)
         self._publishers: dict[bytes, Token] = {}
         """Those that it matches, by gid."""
         self._strangers: set[bytes] = set()
         """Publishers of this topic whose QoS does not go with its own."""
         self._asked: dict[bytes, list[tuple[int, bytes, Attachment]]] = {}
         """Publishers whose history is on the way, and what they have sent meanwhile."""
-        self._dropped = 0
-        """Taken by the application into too small a buffer, not yet counted."""
-        self._message: tuple[MessageCallback, object] | None = None
-        self._lock = threading.Lock()
-        """Guards the queue; never held during a callback."""
         self._created_ns = session.clock.now_ns()
         self._data_key = data_key(session.domain, topic, type_name, "*")
         self._declared = False
@@ -82,35 +57,20 @@ class ZenohSubscription(End, Subscription):
         self._token = self.session.zenoh.liveliness().declare_token(self.token.key)
 
     def has_data(self) -> bool | int:
-        if self.closed:
-            return ReturnCode.INVALID_ARGUMENT
-        with self._lock:
-            self._expire(self.session.clock.now_ns())
-            return bool(self._waiting)
+        return self._waiting.has_data()
 
     def try_recv_raw(self, max_size: int) -> bytes | int:
         """The oldest sample. One larger than ``max_size`` is dropped and counted as lost (ROB-002)."""
-        if self.closed or not isinstance(max_size, int) or max_size < 0:
-            return ReturnCode.INVALID_ARGUMENT
-        with self._lock:
-            self._expire(self.session.clock.now_ns())
-            if not self._waiting:
-                return ReturnCode.NO_DATA
-            payload = self._pop().payload
-            if len(payload) <= max_size:
-                return payload
-            self._dropped += 1
-        self.session.note()
-        return ReturnCode.BUFFER_TOO_SMALL
+        taken = self._waiting.try_recv_raw(max_size)
+        if taken == ReturnCode.BUFFER_TOO_SMALL:
+            self.session.note()
+        return taken
 
     def set_message_callback(self, callback: MessageCallback | None, context: object) -> int:
-        if self.closed:
-            return ReturnCode.INVALID_ARGUMENT
         with self.session.dispatching:
-            self._message = None if callback is None else (callback, context)
-            self._announce(self.session.clock.now_ns())
+            code = self._waiting.set_message_callback(callback, context)
         self.session.note()
-        return ReturnCode.OK
+        return code
 
     # What the session hands on, from `drive_io`.
 
@@ -161,13 +121,8 @@ class ZenohSubscription(End, Subscription):
 
     def look(self, now_ns: int) -> None:
         self._numbers.update(now_ns)
-        if self._dropped:
-            with self._lock:
-                dropped, self._dropped = self._dropped, 0
-            self._numbers.losses.add(dropped, now_ns)
-        if self.deadline is not None:
-            self.deadline.update(now_ns)
-        self.registry.poll()
+        self._numbers.losses.add(self._waiting.dropped(), now_ns)
+        self.poll(now_ns)
 
     def next_due_ns(self) -> int:
         return min(super().next_due_ns(), self._numbers.next_due_ns)
@@ -181,9 +136,7 @@ class ZenohSubscription(End, Subscription):
             self._numbers.preset(gid, number)
 
     def release(self) -> None:
-        with self._lock:
-            self._message = None
-            self._waiting.clear()
+        self._waiting.clear()
         declared, self._declared = self._declared, False
         token, self._token = self._token, None
         if token is not None:
@@ -203,51 +156,12 @@ class ZenohSubscription(End, Subscription):
         """Deadline clock, numbers, queue, message callbacks."""
         if not self._numbers.accept(about, at_ns):
             return False
-        self.last_ns = at_ns
-        if self.deadline is not None:
-            self.deadline.restart(at_ns)
+        self.moved(at_ns)
         publisher = self._publishers.get(about.gid)
         expires_ns = NEVER
         if publisher is not None and is_finite(publisher.qos.lifespan_ms):
             expires_ns = at_ns + publisher.qos.lifespan_ms * MS
-        sample = _Received(payload, expires_ns, history)
-        with self._lock:
-            self._waiting.append(sample)
-            self._expires_ns = min(self._expires_ns, expires_ns)
-            self._expire(self.session.clock.now_ns())
-            while self._depth is not None and len(self._waiting) > self._depth:
-                # History of before this subscription may not fit, but is not lost either (MSL-004).
-                self._numbers.losses.add(int(not self._pop().history), at_ns)
-        self._announce(at_ns)
+        now_ns = self.session.clock.now_ns()
+        lost = self._waiting.put(payload, at_ns, expires_ns=expires_ns, history=history, now_ns=now_ns)
+        self._numbers.losses.add(lost, at_ns)
         return True
-
-    def _announce(self, ready_ns: int) -> None:
-        """Queue a message callback for each waiting sample that has none yet."""
-        if self._message is None:
-            return
-        for sample in tuple(self._waiting):
-            if not sample.announced:
-                sample.announced = True
-                self.session.queue.push(ready_ns, lambda sample=sample: self._call_message(sample))  # type: ignore[misc]
-
-    def _call_message(self, sample: _Received) -> bool:
-        """One callback per sample that can still be taken."""
-        if self._message is None or not sample.waiting or sample.expires_ns <= self.session.clock.now_ns():
-            return False
-        callback, context = self._message
-        callback(context)
-        return True
-
-    def _expire(self, now_ns: int) -> None:
-        """Drop what has outlived its lifespan, which is not loss (MSL-006)."""
-        if now_ns < self._expires_ns:
-            return
-        for sample in self._waiting:
-            sample.waiting = sample.expires_ns > now_ns
-        self._waiting = collections.deque(sample for sample in self._waiting if sample.waiting)
-        self._expires_ns = min((sample.expires_ns for sample in self._waiting), default=NEVER)
-
-    def _pop(self) -> _Received:
-        sample = self._waiting.popleft()
-        sample.waiting = False
-        return sample

@@ -213,7 +213,7 @@ def test_closing_from_another_thread_ends_the_drive(real: CanBackend) -> None:
     answers: list[int] = []
     driver = threading.Thread(target=lambda: answers.append(session.drive_io(60_000)))
     driver.start()
-    while session._driver is None:
+    while not session._driving.under_way:
         pass
     assert session.drive_io(0) == ReturnCode.WOULD_BLOCK
     assert session.destroy() == ReturnCode.OK

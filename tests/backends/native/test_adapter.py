@@ -138,17 +138,19 @@ def test_what_the_boundary_cannot_carry_is_refused(loopback: Path) -> None:
     assert list(made.versions()) == ["libloopback.so"]
 
 
-def test_scenarios_played_together_have_domains_of_their_own(loopback: Path) -> None:
+def test_scenarios_played_together_have_domains_and_nodes_of_their_own(loopback: Path) -> None:
     options = Options(str(loopback), name="loopback", domain=10).texts()
-    domains = []
+    domains, nodes = [], []
     for network in (0, 1):
         made = NativeBackend(Host(clock=MonotonicClock(), network=network, options=options))
         for domain in (0, 1):
-            session = made.create_session(SessionOptions(domain_id=domain))
+            session = made.create_session(SessionOptions(node_name="talker", domain_id=domain))
             assert isinstance(session, NativeSession)
             domains.append(session.domain)
+            nodes.append(session.node_name)
         made.close()
     assert domains == [10, 11, 12, 13]
+    assert nodes == ["talker_0", "talker_0", "talker_1", "talker_1"]
 
 
 def test_a_topic_hook_is_asked_before_an_entity_is_created(loopback: Path, build: Build) -> None:

@@ -12,9 +12,11 @@ from collections.abc import Callable, Mapping
 import msgspec
 
 from nros_backends.xrce.agent.descriptions import Description
+from nros_backends.xrce.agent.entities import Entity
 from nros_backends.xrce.agent.exchange import DataReader, DataWriter, Exchange, TopicKey
 from nros_backends.xrce.agent.profiles import PROFILES
 from nros_backends.xrce.agent.qos import EntityQos
+from nros_backends.xrce.agent.services import Replier, Requester
 from nros_backends.xrce.agent.session import HARD_LIVELINESS, MS, Address, Session, Verdict
 from nros_backends.xrce.wire import messages as m
 from nros_backends.xrce.wire.cdr import Malformed
@@ -49,7 +51,8 @@ Outgoing = tuple[bytes, Address]
 class EntityInfo(msgspec.Struct, frozen=True):
     """An entity of the agent's graph.
 
-    ``topic``: of writers and readers. ``matched``: how many of the other side it is connected to.
+    ``topic``: of writers and readers; of a requester or replier that of the requests. ``matched``: how many of the
+    other side it is connected to.
     """
 
     client: int
@@ -90,19 +93,20 @@ class Agent:
 
     def entities(self) -> tuple[EntityInfo, ...]:
         """The graph: all entities of all clients."""
-        listed = []
-        for session in self._sessions.values():
-            for entity in session.entities:
-                endpoint = entity.endpoint
-                info = EntityInfo(session.key, entity.id, entity.domain)
-                if isinstance(endpoint, DataWriter):
-                    matched = len(self._exchange.readers(endpoint))
-                    info = EntityInfo(session.key, entity.id, entity.domain, endpoint.topic, endpoint.qos, matched)
-                elif isinstance(endpoint, DataReader):
-                    matched = len(self._exchange.writers(endpoint))
-                    info = EntityInfo(session.key, entity.id, entity.domain, endpoint.topic, endpoint.qos, matched)
-                listed.append(info)
-        return tuple(listed)
+        return tuple(
+            self._listed(session, entity) for session in self._sessions.values() for entity in session.entities
+        )
+
+    def _listed(self, session: Session, entity: Entity) -> EntityInfo:
+        end: DataWriter | DataReader
+        match entity.endpoint:
+            case (DataWriter() as end) | Requester(writer=end):
+                matched = len(self._exchange.readers(end))
+            case (DataReader() as end) | Replier(reader=end):
+                matched = len(self._exchange.writers(end))
+            case _:
+                return EntityInfo(session.key, entity.id, entity.domain)
+        return EntityInfo(session.key, entity.id, entity.domain, end.topic, end.qos, matched)
 
     def wakeup_ns(self, now_ns: int) -> int | None:
         """When to call `advance` next; None: not before a datagram comes in."""
@@ -290,11 +294,8 @@ class Agent:
                     return False
                 status = session.entities.delete(target)
                 self._reply(session, header.stream, request, target, status, source, now_ns, out)
-            case m.WriteData(object=target, data=data, format=form):
-                writer = session.entities.writer(target)
-                if writer is None or form:
-                    return False
-                self._exchange.write(writer, data, now_ns)
+            case m.WriteData(request=request, object=target, data=data, format=form):
+                return not form and session.entities.write(target, request, data, now_ns)
             case m.ReadData(request=request, object=target):
                 if not session.read(submessage, now_ns):
                     # always on the reliable stream, whichever the request came on

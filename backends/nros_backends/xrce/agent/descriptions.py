@@ -39,4 +39,21 @@ class Endpoint(msgspec.Struct, frozen=True):
     qos: EntityQos
 
 
-Description = Participant | Topic | Group | Endpoint
+class Service(msgspec.Struct, frozen=True):
+    """A requester or a replier. ``reader``: QoS of the end that gets the replies, respectively the requests."""
+
+    request: Topic
+    reply: Topic
+    reader: EntityQos
+
+
+def service(
+    name: str, request_type: str, reply_type: str, reader: EntityQos, request: str = "", reply: str = ""
+) -> Service:
+    """A service whose topics, where they have no names, are called after it."""
+    return Service(
+        Topic(request or f"{name}_Request", request_type), Topic(reply or f"{name}_Reply", reply_type), reader
+    )
+
+
+Description = Participant | Topic | Group | Endpoint | Service

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from nros_backends.xrce.agent.descriptions import Description, Endpoint, Group, Refused, Topic
+from nros_backends.xrce.agent.descriptions import Description, Endpoint, Group, Refused, Service, Topic
 from nros_backends.xrce.agent.exchange import DataReader, DataWriter, Exchange, TopicKey
+from nros_backends.xrce.agent.qos import WRITER
 from nros_backends.xrce.agent.representations import describe
+from nros_backends.xrce.agent.services import Replier, Requester
 from nros_backends.xrce.wire.cdr import Malformed
 from nros_backends.xrce.wire.ids import Kind, ObjectId, Status
 from nros_backends.xrce.wire.messages import Create
@@ -19,17 +21,19 @@ PARENTS = {
     Kind.SUBSCRIBER: Kind.PARTICIPANT,
     Kind.DATAWRITER: Kind.PUBLISHER,
     Kind.DATAREADER: Kind.SUBSCRIBER,
+    Kind.REQUESTER: Kind.PARTICIPANT,
+    Kind.REPLIER: Kind.PARTICIPANT,
 }
 
 
 class Entity:
-    """An entity that exists. ``endpoint``: a writer's or reader's place in the exchange."""
+    """An entity that exists. ``endpoint``: the place of one that writes or reads in the exchange."""
 
     def __init__(self, identifier: ObjectId, description: Description, domain: int) -> None:
         self.id = identifier
         self.description = description
         self.domain = domain
-        self.endpoint: DataWriter | DataReader | None = None
+        self.endpoint: DataWriter | DataReader | Requester | Replier | None = None
 
 
 class Entities:
@@ -76,8 +80,12 @@ class Entities:
         entity = self._entities.pop(identifier, None)
         if entity is None:
             return Status.UNKNOWN_REFERENCE
-        if entity.endpoint is not None:
-            self._exchange.remove(entity.endpoint)
+        match entity.endpoint:
+            case DataWriter() | DataReader() as endpoint:
+                self._exchange.remove(endpoint)
+            case Requester() | Replier() as service:
+                self._exchange.remove(service.writer)
+                self._exchange.remove(service.reader)
         return Status.OK
 
     def clear(self) -> None:
@@ -85,15 +93,26 @@ class Entities:
         for identifier in list(self._entities):
             self.delete(identifier)
 
-    def writer(self, identifier: ObjectId) -> DataWriter | None:
-        """The writer of an id."""
+    def write(self, identifier: ObjectId, request: int, data: bytes, now_ns: int) -> bool:
+        """Carry what a writer, a requester or a replier sends; False: there is none, or that is no reply."""
         entity = self._entities.get(identifier)
-        return entity.endpoint if entity is not None and isinstance(entity.endpoint, DataWriter) else None
+        match entity.endpoint if entity is not None else None:
+            case DataWriter() as writer:
+                self._exchange.write(writer, data, now_ns)
+                return True
+            case Requester() | Replier() as service:
+                return service.write(self._exchange, request, data, now_ns)
+        return False
 
     def reader(self, identifier: ObjectId) -> DataReader | None:
-        """The reader of an id."""
+        """The reader of an id: a data reader, or that of a requester or replier."""
         entity = self._entities.get(identifier)
-        return entity.endpoint if entity is not None and isinstance(entity.endpoint, DataReader) else None
+        match entity.endpoint if entity is not None else None:
+            case DataReader() as reader:
+                return reader
+            case Requester() | Replier() as service:
+                return service.reader
+        return None
 
     def _create(self, identifier: ObjectId, request: Create) -> Status:
         domain, parent = request.domain, None
@@ -117,6 +136,8 @@ class Entities:
                 return Status.DDS_ERROR
             partitions = parent.description.partitions if parent and isinstance(parent.description, Group) else ()
             self._join(entity, description, TopicKey(domain, topic.name, topic.type), partitions)
+        elif isinstance(description, Service):
+            self._serve(entity, description, domain)
         self._entities[identifier] = entity
         return Status.OK
 
@@ -141,3 +162,10 @@ class Entities:
             reader = DataReader(topic, endpoint.qos, partitions)
             self._exchange.add_reader(reader)
             entity.endpoint = reader
+
+    def _serve(self, entity: Entity, service: Service, domain: int) -> None:
+        request, reply = (TopicKey(domain, topic.name, topic.type) for topic in (service.request, service.reply))
+        make = Requester if entity.id.kind is Kind.REQUESTER else Replier
+        entity.endpoint = made = make(entity.id, request, reply, (WRITER, service.reader))
+        self._exchange.add_writer(made.writer)
+        self._exchange.add_reader(made.reader)

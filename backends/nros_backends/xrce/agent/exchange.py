@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from collections import deque
 from typing import NamedTuple
 
@@ -9,6 +11,14 @@ from nros_backends.xrce.agent.qos import Durability, EntityQos, mismatch, share_
 
 KEEP_ALL = 5000
 """Samples that KEEP_ALL keeps at most, Fast DDS' default for ``max_samples``; then the oldest goes."""
+
+GUID = 16
+"""Octets of a writer's GUID."""
+
+IDENTITY = 24
+"""Octets of an `Identity`."""
+
+_NUMBER = struct.Struct("<iI")
 
 
 class TopicKey(NamedTuple):
@@ -19,21 +29,44 @@ class TopicKey(NamedTuple):
     type: str
 
 
+class Identity(NamedTuple):
+    """A sample of all: the GUID of its writer, 16 octets, and its number there, from 1 on. DDS' ``SampleIdentity``."""
+
+    writer: bytes
+    number: int
+
+    @classmethod
+    def of(cls, data: bytes) -> Identity | None:
+        """What data begins with; None: it is too short."""
+        if len(data) < IDENTITY:
+            return None
+        high, low = _NUMBER.unpack_from(data, GUID)
+        return cls(data[:GUID], (high << 32) + low)
+
+    def octets(self) -> bytes:
+        """As it stands in front of requests and replies."""
+        return self.writer + _NUMBER.pack(self.number >> 32, self.number & 0xFFFFFFFF)
+
+
 class Sample(NamedTuple):
-    """``data``: CDR as the client sent it. ``expires_ns``: None without a lifespan."""
+    """``data``: CDR as the client sent it. ``expires_ns``: None without a lifespan. ``related``: what it answers."""
 
     data: bytes
     expires_ns: int | None
+    identity: Identity
+    related: Identity | None = None
 
 
 class DataWriter:
-    """A writer with the history that late readers get."""
+    """A writer with the history that late readers get. ``number``: of its last sample."""
 
     def __init__(self, topic: TopicKey, qos: EntityQos, partitions: tuple[str, ...]) -> None:
         self.topic = topic
         self.qos = qos
         self.partitions = partitions
         self.history: deque[Sample] = deque(maxlen=qos.depth or KEEP_ALL)
+        self.guid = bytes(GUID)
+        self.number = 0
 
 
 class DataReader:
@@ -71,9 +104,14 @@ class Exchange:
     def __init__(self) -> None:
         self._writers: dict[TopicKey, list[DataWriter]] = {}
         self._readers: dict[TopicKey, list[DataReader]] = {}
+        # Other than those of the agent's former life, of which clients may still hold some.
+        self._prefix = b"\x01\x0f\0\0" + os.urandom(4)
+        self._made = 0
 
     def add_writer(self, writer: DataWriter) -> None:
         """A writer that from now on can write."""
+        self._made += 1
+        writer.guid = self._prefix + self._made.to_bytes(4, "big") + b"\0\0\x01\x03"
         self._writers.setdefault(writer.topic, []).append(writer)
 
     def add_reader(self, reader: DataReader) -> None:
@@ -94,10 +132,12 @@ class Exchange:
         if not members:
             del table[endpoint.topic]
 
-    def write(self, writer: DataWriter, data: bytes, now_ns: int) -> list[DataReader]:
+    def write(self, writer: DataWriter, data: bytes, now_ns: int, related: Identity | None = None) -> list[DataReader]:
         """Carry a sample to every matching reader; these readers."""
         lifespan = writer.qos.lifespan_ns
-        sample = Sample(data, None if lifespan is None else now_ns + lifespan)
+        writer.number += 1
+        expires_ns = None if lifespan is None else now_ns + lifespan
+        sample = Sample(data, expires_ns, Identity(writer.guid, writer.number), related)
         if writer.qos.durability is not Durability.VOLATILE:
             writer.history.append(sample)
         reached = self.readers(writer)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from nros_backends.xrce.agent.descriptions import Description, Endpoint, Group, Participant, Refused, Topic
+from nros_backends.xrce.agent.descriptions import Description, Endpoint, Group, Participant, Refused, Topic, service
 from nros_backends.xrce.agent.qos import HISTORY, READER, WRITER, Durability, EntityQos
 from nros_backends.xrce.agent.xml import parse
 from nros_backends.xrce.wire.binary import (
@@ -14,6 +14,7 @@ from nros_backends.xrce.wire.binary import (
     ParticipantBody,
     Qos,
     ReaderBody,
+    ServiceBody,
     TopicBody,
     WriterBody,
     decode_binary,
@@ -22,6 +23,8 @@ from nros_backends.xrce.wire.ids import Kind
 from nros_backends.xrce.wire.messages import Binary, Create, Ref, Xml
 
 MS = 1_000_000
+_SERVICE_READER = EntityQos(reliable=True)
+"""What eProsima's agent takes for services in binary form; whatever else the client asks for is not in it."""
 
 
 def describe(create: Create, profiles: Mapping[tuple[Kind, str], Description]) -> Description:
@@ -52,6 +55,11 @@ def _of_binary(kind: Kind, body: Body) -> Description:
             return Endpoint(body.topic, _qos(body.qos, WRITER))
         case ReaderBody():
             return Endpoint(body.topic, _qos(body.qos, READER))
+        case ServiceBody():
+            return service(
+                body.name, body.request_type, body.reply_type, _SERVICE_READER, body.request_topic or "",
+                body.reply_topic or "",
+            )  # fmt: skip
 
 
 def _qos(qos: EndpointQos | None, default: EntityQos) -> EntityQos:

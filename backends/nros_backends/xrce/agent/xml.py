@@ -1,14 +1,25 @@
 """Entities described in XML, as DDS-XML 1.0 and Fast DDS' profiles write them.
 
 Only what the agent uses is looked at. Namespaces are ignored. A document type declaration is refused,
-and with it every kind of entity expansion.
+and with it every kind of entity expansion. Attributes without a space between them are taken, as eProsima's
+examples have them.
 """
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree
 
-from nros_backends.xrce.agent.descriptions import Description, Endpoint, Group, Participant, Refused, Topic
+from nros_backends.xrce.agent.descriptions import (
+    Description,
+    Endpoint,
+    Group,
+    Participant,
+    Refused,
+    Service,
+    Topic,
+    service,
+)
 from nros_backends.xrce.agent.qos import READER, WRITER, Durability, EntityQos, Liveliness
 from nros_backends.xrce.wire.ids import Kind
 
@@ -22,7 +33,11 @@ _TAGS = {
     Kind.SUBSCRIBER: ("subscriber",),
     Kind.DATAWRITER: ("data_writer",),
     Kind.DATAREADER: ("data_reader",),
+    Kind.REQUESTER: ("requester",),
+    Kind.REPLIER: ("replier",),
 }
+_TAG = re.compile(r"<[^<>]*>")
+_ATTRIBUTE = re.compile(r"""(=\s*(?:"[^"]*"|'[^']*'))(?=[^\s/?>])""")
 
 
 def parse(kind: Kind, text: str) -> Description:
@@ -40,6 +55,8 @@ def parse(kind: Kind, text: str) -> Description:
     if kind in (Kind.PUBLISHER, Kind.SUBSCRIBER):
         names = element.findall("qos/partition/names/name") + element.findall("qos/partition/name/element")
         return Group(tuple((name.text or "").strip() for name in names))
+    if kind in (Kind.REQUESTER, Kind.REPLIER):
+        return _service(element)
     topic = element.find("topic")
     if topic is None:
         raise Refused(f"{element.tag} without a topic")
@@ -52,7 +69,7 @@ def _root(text: str) -> ElementTree.Element:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise Refused("a document type declaration in XML")
     try:
-        root = ElementTree.fromstring(text)
+        root = ElementTree.fromstring(_TAG.sub(lambda tag: _ATTRIBUTE.sub(r"\1 ", tag[0]), text))
     except (ElementTree.ParseError, ValueError) as error:  # ValueError: an encoding that it does not have
         raise Refused(f"not XML: {error}") from None
     for element in root.iter():
@@ -80,6 +97,15 @@ def _topic(element: ElementTree.Element) -> Topic:
     if not name or not kind:
         raise Refused("a topic needs <name> and <dataType>")
     return Topic(name, kind)
+
+
+def _service(element: ElementTree.Element) -> Service:
+    name, request, reply = (element.get(one, "") for one in ("service_name", "request_type", "reply_type"))
+    if not (name and request and reply):
+        raise Refused(f"a {element.tag} needs service_name, request_type and reply_type")
+    return service(
+        name, request, reply, READER, _text(element, "request_topic_name"), _text(element, "reply_topic_name")
+    )
 
 
 def _qos(element: ElementTree.Element, topic: ElementTree.Element, default: EntityQos) -> EntityQos:

@@ -76,7 +76,17 @@ class ReaderBody(msgspec.Struct, frozen=True):
     content_filter: str | None = None
 
 
-Body = ParticipantBody | TopicBody | GroupBody | WriterBody | ReaderBody
+class ServiceBody(msgspec.Struct, frozen=True):
+    """A requester or a replier; eProsima's, the standard knows no services."""
+
+    name: str
+    request_type: str
+    reply_type: str
+    request_topic: str | None = None
+    reply_topic: str | None = None
+
+
+Body = ParticipantBody | TopicBody | GroupBody | WriterBody | ReaderBody | ServiceBody
 
 
 def decode_binary(kind: Kind, body: bytes, little: bool = True) -> Body:
@@ -211,6 +221,23 @@ def _write_reader(writer: Writer, body: ReaderBody) -> None:
         _put_string(writer, body.content_filter)
 
 
+def _read_service(reader: Reader) -> ServiceBody:
+    return ServiceBody(
+        reader.string("service name"),
+        reader.string("request type"),
+        reader.string("reply type"),
+        _optional_string(reader, "request topic"),
+        _optional_string(reader, "reply topic"),
+    )
+
+
+def _write_service(writer: Writer, body: ServiceBody) -> None:
+    for text in (body.name, body.request_type, body.reply_type):
+        writer.string(text)
+    _put_string(writer, body.request_topic)
+    _put_string(writer, body.reply_topic)
+
+
 _READERS: dict[Kind, Callable[[Reader], Body]] = {
     Kind.PARTICIPANT: _read_participant,
     Kind.TOPIC: _read_topic,
@@ -218,6 +245,8 @@ _READERS: dict[Kind, Callable[[Reader], Body]] = {
     Kind.SUBSCRIBER: _read_group,
     Kind.DATAWRITER: _read_writer,
     Kind.DATAREADER: _read_reader,
+    Kind.REQUESTER: _read_service,
+    Kind.REPLIER: _read_service,
 }
 
 # Any: each function takes the one type that it stands beside, which a dict cannot say.
@@ -227,4 +256,5 @@ _WRITERS: dict[type[Body], Callable[[Writer, Any], None]] = {
     GroupBody: _write_group,
     WriterBody: _write_writer,
     ReaderBody: _write_reader,
+    ServiceBody: _write_service,
 }

@@ -124,7 +124,7 @@ def test_partitions_keep_apart_and_patterns_join() -> None:
 
 
 def test_a_kind_that_the_agent_does_not_serve_is_incompatible(peer: Peer) -> None:
-    for kind in (Kind.REQUESTER, Kind.TYPE, Kind.AGENT):
+    for kind in (Kind.TYPE, Kind.QOSPROFILE, Kind.AGENT):
         request = create(ObjectId(1, kind), m.Ref("x"), parent=PARTICIPANT)
         assert peer.status(request) == Status.INCOMPATIBLE
 

@@ -7,7 +7,7 @@ import pytest
 
 from nros_backends.xrce.wire import Header, Message, encode
 from nros_backends.xrce.wire import messages as m
-from nros_backends.xrce.wire.binary import GroupBody, ParticipantBody, ReaderBody, WriterBody
+from nros_backends.xrce.wire.binary import GroupBody, ParticipantBody, ReaderBody, ServiceBody, WriterBody
 from nros_backends.xrce.wire.ids import CLIENT, RELIABLE, Kind, ObjectId, Status
 from tests.backends.xrce.agent.peer import (
     PARTICIPANT,
@@ -48,9 +48,23 @@ def mutate(datagram: bytes, chance: random.Random) -> bytes:
     return bytes(changed)
 
 
+SERVICES = [
+    encode(Message(Header(0x81), (submessage,)))
+    for kind in (Kind.REQUESTER, Kind.REPLIER)
+    for submessage in (
+        create(ObjectId(1, kind), ServiceBody("add", "Request_", "Reply_"), parent=PARTICIPANT, replace=True),
+        create(ObjectId(1, kind), m.Ref(f"shapetype_{kind.name.lower()}"), parent=PARTICIPANT, replace=True),
+        m.ReadData(request=7, object=ObjectId(1, kind), stream=1, delivery=m.DeliveryControl()),
+        m.WriteData(request=20, object=ObjectId(1, kind), data=bytes(32)),
+    )
+]
+"""Of services nothing was recorded."""
+
+
 def test_ten_thousand_mutated_datagrams_neither_end_nor_hang_nor_bloat_the_agent() -> None:
     chance = random.Random(20261122)
     recorded = [one.payload for talk in conversations().values() for one in talk.datagrams if one.to_agent]
+    recorded += SERVICES * (len(recorded) // 100)
     net = Net()
     mutants = [net.peer(port, port) for port in range(1, 5)]
     healthy = net.peer(0x1234, 99)

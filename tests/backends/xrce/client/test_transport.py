@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from nros_backends.xrce.client import stamps
+from nros_backends.xrce.client import transport as transport_module
 from nros_backends.xrce.client.transport import Transport, open_socket
 from nros_conformance.rmw.clock import MS
 
@@ -43,15 +45,77 @@ def test_a_datagram_arrived_when_the_kernel_got_it_not_when_it_was_read(
 
 
 @linux
-def test_where_the_wall_clock_was_stepped_the_time_of_reading_stands_in(
-    agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("step_s", [3_600, -3_600, 0.01, -0.01])
+def test_the_wall_clock_of_the_process_is_of_no_account(
+    agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch, step_s: float
 ) -> None:
-    agent.send(b"one")
-    real = time.time_ns
-    monkeypatch.setattr(time, "time_ns", lambda: real() + 3_600_000 * MS)
+    wall, step_ns = time.time_ns, int(step_s * 1_000 * MS)
+    for number in range(5):
+        before = time.monotonic_ns()
+        agent.send(b"one")
+        after = time.monotonic_ns()
+        steps = (number + 1) // 2 * step_ns
+        monkeypatch.setattr(time, "time_ns", lambda steps=steps: wall() + steps)
+        time.sleep(0.02)
+        (arrived,) = transport.receive(10)
+        assert before - MS <= arrived.at_ns <= after + MS
+
+
+@linux
+@pytest.mark.parametrize("step_s", [3_600, -3_600, 0.01, -0.01])
+def test_where_the_clock_of_the_kernel_was_stepped_the_time_of_reading_stands_in_once(
+    agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    # A real step moves the clock of the process too.
+    wall, real, stepped = time.time_ns, stamps.stamp_of, False
+
+    def stamp_of(ancillary: list[tuple[int, int, bytes]]) -> int | None:
+        stamp_ns = real(ancillary)
+        return stamp_ns + int(step_s * 1_000 * MS) if stamp_ns is not None and stepped else stamp_ns
+
+    monkeypatch.setattr(stamps, "stamp_of", stamp_of)
+    monkeypatch.setattr(time, "time_ns", lambda: wall() + int(step_s * 1_000 * MS) * stepped)
+    monkeypatch.setattr(transport_module, "stamp_of", stamp_of)
+    agent.send(b"before")
+    time.sleep(0.02)
+    stepped = True  # not seen in the stamp of what lies there already, as for that of a real step
+    monkeypatch.setattr(transport_module, "stamp_of", real)
     before = time.monotonic_ns()
     (arrived,) = transport.receive(10)
     assert before <= arrived.at_ns <= time.monotonic_ns()
+    monkeypatch.setattr(transport_module, "stamp_of", stamp_of)
+    before = time.monotonic_ns()
+    agent.send(b"after")
+    after = time.monotonic_ns()
+    time.sleep(0.02)
+    (arrived,) = transport.receive(10)
+    assert before - MS <= arrived.at_ns <= after + MS
+
+
+@linux
+def test_a_comparison_that_was_disturbed_is_made_again() -> None:
+    clock = stamps.KernelClock()
+    assert clock._ahead is not None
+    low, high = clock._ahead
+    clock._ahead = clock._ahead._replace(low=low - 20 * MS, high=high + 20 * MS)
+    offset = clock.offset()
+    clock.close()
+    assert offset is not None
+    assert abs(offset - (time.time_ns() - time.monotonic_ns())) < 2 * MS
+
+
+def test_a_socket_that_cannot_have_a_clock_beside_it_is_closed(
+    agent: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sock = open_socket(agent.getsockname())
+
+    def refuse(*arguments: object) -> socket.socket:
+        raise OSError("no descriptor is left")
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    with pytest.raises(OSError, match="no descriptor"):
+        Transport(sock)
+    assert sock.fileno() == -1
 
 
 def test_arrivals_never_lie_before_the_last_look_and_keep_their_order(
