@@ -34,7 +34,9 @@ def run(options: argparse.Namespace) -> ExitCode:
         new = msgspec.structs.replace(new, differences=tuple(differences(new, levels)))
         failed |= bool(new.differences) or any(one.verdict == "fail" and not one.known for one in results)
         write_report(directory, new)
-    print(f"{judged} traces judged again, {changed} verdict{'s' if changed != 1 else ''} changed")
+    print(
+        f"{judged} trace{'s' if judged != 1 else ''} judged again, {changed} verdict{'s' if changed != 1 else ''} changed"
+    )
     return ExitCode.FAILED if failed else ExitCode.OK
 
 
