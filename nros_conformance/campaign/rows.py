@@ -38,12 +38,12 @@ def rows_of(
     """
     given = {**found.options, **(options or {})}
     host = Host(clock=MonotonicClock(), options=given)
-    versions, lacking = found.versions(host), found.lacking(host)
+    versions = found.versions(host)
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
         Row(
-            declaration.in_variant(variant), found.adapter, variant, versions, given, lacking,
-            asked=asked, provisional=found.provisional,
+            declaration.in_variant(variant), found.adapter, variant, versions, given,
+            found.lacking(dataclasses.replace(host, variant=variant)), asked=asked, provisional=found.provisional,
         )
         for variant in variants or [""]
     ]  # fmt: skip

@@ -14,7 +14,7 @@ from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.run import AT_ONCE
 from nros_conformance.explore.cast import Cast, cast_for
 from nros_conformance.explore.mutation import play_defective
-from nros_conformance.explore.timelines import Timeline, behind_ns, scenario
+from nros_conformance.explore.timelines import T, Timeline, behind, scenario
 from nros_conformance.formats.places import FormatError, nearest
 from nros_conformance.judge.judge import judge
 from nros_conformance.judge.results import Verdict
@@ -111,7 +111,7 @@ class Stand:
         return scenario(timeline, slack_ns=self.slack_ns, id_=id_, cast=self.cast, world=world)
 
     def play(self, timelines: Sequence[Timeline], watch: Callable[[], None] = lambda: None) -> list[Outcome]:
-        """Play and judge each of them; what is unclear again, with fewer at once. ``watch`` is told of each."""
+        """Play and judge each of them, what is unclear again: slower, fewer at once. ``watch`` is told of each."""
         if not self.row.virtual:
             parts = [timelines[first : first + PER_WORKER] for first in range(0, len(timelines), PER_WORKER)]
             return [outcome for part in parts for outcome in self._repeatedly(part, watch)]
@@ -128,24 +128,26 @@ class Stand:
         return Loaded(raw["id"], typed(raw), raw, "explored", "", {})
 
     def _repeatedly(self, timelines: Sequence[Timeline], watch: Callable[[], None]) -> list[Outcome]:
-        outcomes = self._together(timelines, self.at_once, watch)
+        outcomes = self._together(timelines, 1, watch)
         for number in range(1, ATTEMPTS):
             again = [index for index, outcome in enumerate(outcomes) if outcome.unclear]
             if again:
-                repeated = self._together([timelines[index] for index in again], max(1, self.at_once >> number))
+                repeated = self._together([timelines[index] for index in again], 2**number)
                 for index, outcome in zip(again, repeated, strict=True):
                     outcomes[index] = outcome
         return outcomes
 
     def _together(
-        self, timelines: Sequence[Timeline], at_once: int, watch: Callable[[], None] = lambda: None
+        self, timelines: Sequence[Timeline], stretch: int, watch: Callable[[], None] = lambda: None
     ) -> list[Outcome]:
-        """In worker processes: a crash or hang costs the timeline that caused it."""
+        """In worker processes: a crash or hang costs the timeline that caused it. ``stretch`` multiplies T."""
         self.played += len(timelines)
         found: dict[str, Outcome] = {}
         plans: dict[str, tuple[Plan, Timeline]] = {}
         for timeline in timelines:
-            plan = make_plan(self._loaded(timeline), self.row, self.suites, self._folder, ports=self._ports)
+            plan = make_plan(
+                self._loaded(timeline), self.row, self.suites, self._folder, stretch=stretch, ports=self._ports
+            )  # fmt: skip
             plans[plan.key] = plan, timeline
 
         def ended(one: Ended) -> None:
@@ -160,7 +162,7 @@ class Stand:
         )  # fmt: skip
         (self._folder / "worker.log").touch()
         longest_first = sorted((plan for plan, _ in plans.values()), key=lambda plan: -plan.expected_ns)
-        pool.play(longest_first, at_once)
+        pool.play(longest_first, max(1, self.at_once // stretch))
         died = Verdict(verdict="inconclusive", reason="a worker process died, and not again when it was played alone")
         return [found.get(key, Outcome(died)) for key in plans]
 
@@ -168,10 +170,9 @@ class Stand:
         verdict = judge(trace)
         if verdict.verdict != "fail" or (trace.end is not None and trace.end.outcome in _DIED):
             return Outcome(verdict)
-        behind = behind_ns(timeline, trace.records)
-        if behind > self.slack_ns:
-            reason = f"the play was {behind / MS:.0f} ms behind its timeline"
-            return Outcome(Verdict(verdict="inconclusive", reason=reason))
+        late = behind(timeline, trace.records, trace.header.quantities["T"])
+        if late > self.slack_ns / T:
+            return Outcome(Verdict(verdict="inconclusive", reason=f"the play was {late:.2f}T behind its timeline"))
         return Outcome(verdict, self._known(timeline, trace))
 
     def _known(self, timeline: Timeline, trace: Trace) -> str:

@@ -106,10 +106,18 @@ _Happening: TypeAlias = tuple[int, str, EventKind, tuple[int, ...]]
 
 
 class _Told:
-    """What the model says happens, when and to whom."""
+    """What the model says happens, when and to whom.
 
-    def __init__(self, timeline: Timeline, slack_ns: int, cast: Cast, world: type[World]) -> None:
+    ``swallows``: what is lost on the wire takes the assertion of its publisher with it.
+    """
+
+    def __init__(
+        self, timeline: Timeline, slack_ns: int, cast: Cast, world: type[World], *, swallows: bool = False
+    ) -> None:
         self.slack_ns = slack_ns
+        self._swallows = swallows
+        self.born = dict.fromkeys(ENTITIES, 0)
+        """The first occurrence that can concern the present life of each."""
         self.world = world()
         self.now = 0
         self.kinds = timeline.kinds
@@ -137,6 +145,7 @@ class _Told:
 
     def create(self, name: str) -> None:
         id_ = len(self._names)
+        self.born[name] = len(self.happened) if id_ >= len(ENTITIES) else 0
         self._ids[name], self._names[id_] = id_, name
         topic = (0, "t", "T")
         if name in PUBLISHERS:
@@ -160,6 +169,8 @@ class _Told:
                 self.now += action.count * TICK
                 self.note(self.world.advance(self.now))
                 self.driven = self.now if action.verb == "drive" else self.driven
+            case "lose" if self._swallows:
+                self.note(self.world.advance(self.now))
             case "publish" | "lose":
                 for _ in range(action.count):
                     found = self.world.publish(id_, b"", self.now, lost=action.verb == "lose")
@@ -227,23 +238,22 @@ def scenario(
     ``slack_ns``: by how much the play may be behind the timeline. Calls wait for a background drive to end, so
     it is never 0; nothing adds up, because every step has its time. ``world``: the model that is asked.
     """
-    told = _Told(timeline, slack_ns, cast, world)
+    told, deaf = (_Told(timeline, slack_ns, cast, world, swallows=one) for one in (False, True))
     script: list[Any] = ["settle", {"drive": "0.5T", "as": "go"}]
     told.do(Action("drive"))
-    looks: list[tuple[_Told, str, int, dict[str, int], set[str]]] = []
-    born = dict.fromkeys(ENTITIES, 0)  # the first occurrence that can concern its present life
+    deaf.do(Action("drive"))
+    looks: list[tuple[_Told, _Told, str, int, set[str]]] = []
     for index, action in enumerate((*timeline.actions, Action("drive", count=3))):
         label = f"a{index}"
-        if action.verb == "create":
-            born[action.subject] = len(told.happened)
         begin = f"go.end + {(told.now - TICK) / T:g}T" if told.now > TICK else "go.end"
         told.do(action)
+        deaf.do(action)
         gone = {one for one in ENTITIES if _gone(timeline.actions[: index + 1], one)}
         script.append(_step(action, label) | {"at": begin})
         if action.verb == "create":
             script.append("settle")
         if action.verb == "drive":
-            looks.append((told.ahead(), label, told.now - LOOK, dict(born), gone))
+            looks.append((told.ahead(), deaf.ahead(), label, told.now - LOOK, gone))
     script.append({"drive": "0.4T"})  # so that what is judged at the last look can still be late
     expect = [one for look in looks for one in _expectations(*look, slack_ns)]
     registered = {side: [kind.label for kind in timeline.kinds if kind.side is side] for side in Side}
@@ -254,9 +264,9 @@ def scenario(
         if timeline.lossy:
             qos |= {"reliability": "best_effort"}
         if told.qos[name].lease_ms:
-            qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS}ms"}
+            qos |= {"liveliness": "manual_by_topic", "lease": f"{LEASE_MS * MS / T:g}T"}
         entities[name] = {side.value: "sensor", "qos": qos, "register": registered[side] or "none"}
-        entities[name]["registration_deadline"] = f"{DEADLINE_MS}ms"
+        entities[name]["registration_deadline"] = f"{DEADLINE_MS * MS / T:g}T"
     return {
         "id": id_, "title": "A timeline that was generated", "scale": {"T": "100ms"},
         "sessions": {name: {"slice": "5ms"} for name in ("pub", "sub")}, "entities": entities,
@@ -264,21 +274,21 @@ def scenario(
     }  # fmt: skip
 
 
-def behind_ns(timeline: Timeline, records: Iterable[AnyRecord]) -> int:
-    """By how much a play was behind its timeline at most; 0 when it did not even begin."""
-    due, now = {}, 0
+def behind(timeline: Timeline, records: Iterable[AnyRecord], scale_ns: int = T) -> float:
+    """By how many T a play was behind its timeline at most; 0 when it did not even begin. ``scale_ns``: its T."""
+    due, now = {}, 0.0
     for index, action in enumerate(timeline.actions):
-        lasts = action.count * TICK if action.verb in TIME else 0
-        due[f"a{index}"] = now + lasts - (T // 5 if lasts else 0)
+        lasts = action.count * TICK / T if action.verb in TIME else 0
+        due[f"a{index}"] = now + lasts - (0.2 if lasts else 0)
         now += lasts
-    begun, worst = None, 0
+    begun, worst = None, 0.0
     for one in records:
         if not isinstance(one, Act | FaultRecord):
             continue
         if one.label == "go":
             begun = one.end
         elif begun is not None and one.label in due:
-            worst = max(worst, one.end - begun - due[one.label])
+            worst = max(worst, (one.end - begun) / scale_ns - due[one.label])
     return worst
 
 
@@ -312,14 +322,16 @@ def _step(action: Action, label: str) -> dict[str, Any]:
 
 
 def _expectations(
-    told: _Told, label: str, at: int, born: dict[str, int], gone: set[str], slack_ns: int
+    told: _Told, deaf: _Told, label: str, at: int, gone: set[str], slack_ns: int
 ) -> Iterator[dict[str, Any]]:
+    """``deaf``: what is told if lost samples do not assert. Whether others hear of the assertion is left open."""
     for kind in told.kinds:
         for name in PUBLISHERS if kind.side is Side.PUBLISHER else SUBSCRIPTIONS:
             if name in gone or (kind is EventKind.LIVELINESS_LOST and not told.qos[name].lease_ms):
                 continue
             if kind is EventKind.LIVELINESS_CHANGED:
-                numbers = {told.total(name, kind, at + shift, born[name])[0] for shift in (-slack_ns, 0, slack_ns)}
+                times = [at + shift for shift in (-slack_ns, 0, slack_ns)]
+                numbers = {one.total(name, kind, until, one.born[name])[0] for one in (told, deaf) for until in times}
                 if len(numbers) == 1:
                     yield {
                         "level": "alive_count", "of": name, "is": numbers.pop(), "by": f"{label}.end - 0.1T",

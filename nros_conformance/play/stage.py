@@ -17,6 +17,7 @@ from nros_conformance.play.plan import Plan
 from nros_conformance.play.processes import SessionProcess
 from nros_conformance.play.reconnection import Kept
 from nros_conformance.play.remote import RemoteDriver
+from nros_conformance.play.starvation import wait_patiently
 from nros_conformance.rmw.backend import Backend, Environment, Host, SessionOptions
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
@@ -25,6 +26,9 @@ from nros_conformance.suite import schema
 from nros_conformance.suite.kinds import faults_needed, registered_kinds
 from nros_conformance.suite.walk import members, session_of, step_labels, steps
 from nros_conformance.trace.records import AnyRecord, Registered, State
+
+_PATIENCE = 5
+"""How much longer a call may take, in limits, while the host gives its threads no core."""
 
 
 class Stage:
@@ -170,9 +174,10 @@ class Stage:
 
     def finish(self, commands: list[Command], allowance_ns: int = 0) -> None:
         """Wait for posted calls; raises `StopPlay` for a hang or a failure."""
+        apart = [driver.process.pid for driver in self.drivers.values() if isinstance(driver, RemoteDriver)]
         for command in commands:
             limit = max(command.due, self.clock.now_ns()) + allowance_ns + self.hang_ns
-            if not self.clock.wait(command.done, limit):
+            if not wait_patiently(self.clock, command.done, limit, _PATIENCE * self.hang_ns, ["self", *apart]):
                 raise self._hang(command)
         if self.stopped is not None:
             raise self.stopped

@@ -11,10 +11,12 @@ import pytest
 from nros_backends.reference import ReferenceBackend
 from nros_conformance.campaign.plans import Row
 from nros_conformance.explore.explore import compare, explore
+from nros_conformance.explore.mutation import play_defective
 from nros_conformance.explore.search import HypothesisMissing
 from nros_conformance.explore.stand import Stand
 from nros_conformance.explore.timelines import Action, Timeline, scenario
 from nros_conformance.explore.writing import as_suite
+from nros_conformance.judge.judge import judge
 from nros_conformance.model.deviations import ExpiredLeaseIgnoresAssertions
 from nros_conformance.model.world import Id, Occurrence, World, _Publisher
 from nros_conformance.rmw.backend import Backend
@@ -73,6 +75,8 @@ def test_interacting_defects_are_found_and_shrunk_to_at_most_six_actions(tmp_pat
     (tmp_path / "explored.yaml").write_text(as_suite([found]), encoding="utf-8")
     (loaded,) = load_suites(tmp_path).scenarios
     assert loaded.scenario.id == "x.reference-1"
+    assert judge(play_defective(loaded, stand().row, suites(), Forgetful)).reason == found.verdict.reason
+    assert judge(play_defective(loaded, stand().row, suites(), ReferenceBackend)).verdict == "pass"
 
 
 class ForgetfulAndDeaf(ReferenceBackend):
@@ -135,6 +139,16 @@ def test_a_loss_before_the_first_sample_that_arrives_need_not_be_counted() -> No
     assert losses(Action("lose", "steady", 2), Action("publish", "steady", 6)) == [("first", 2, 4)]
     again = (Action("lose", "steady"), Action("publish", "steady"))
     assert losses(*again, *again) == [("first", 1, 2)]
+
+
+def test_whether_others_hear_of_an_assertion_that_is_lost_is_left_open() -> None:
+    def levels(verb: str) -> list[int]:
+        actions = (Action("drive", count=3), Action(verb, "manual"), Action("drive", count=3), Action("drive", count=2))
+        asked = scenario(Timeline(actions, (EventKind.LIVELINESS_CHANGED,)))["expect"]
+        return [one["is"] for one in asked if one["of"] == "first"]
+
+    assert levels("publish") == [2, 2, 1, 1]  # asserted at 200 ms, lost at 413
+    assert levels("lose") == [2, 1, 1]
 
 
 def test_what_gets_lost_is_not_repaired() -> None:

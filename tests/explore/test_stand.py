@@ -12,7 +12,7 @@ from nros_conformance.campaign.plans import Row
 from nros_conformance.explore.explore import explore
 from nros_conformance.explore.search import generate
 from nros_conformance.explore.stand import Outcome, Stand, deviations
-from nros_conformance.explore.timelines import Action, Timeline, behind_ns
+from nros_conformance.explore.timelines import Action, Timeline, behind
 from nros_conformance.formats.places import FormatError
 from nros_conformance.judge.results import Verdict
 from nros_conformance.rmw.clock import MS
@@ -109,11 +109,13 @@ def test_how_far_a_play_was_behind_its_timeline() -> None:
 
     timeline = Timeline((Action("publish", "steady"), Action("drive", count=2), Action("take", "first")))
     on_time = [act("go", 1000), act("a0", 1000), act("a1", 1080), act("a2", 1100)]
-    assert behind_ns(timeline, on_time) == 0
-    assert behind_ns(timeline, [*on_time[:2], act("a1", 1089), act("a2", 1103)]) == 9 * MS
+    assert behind(timeline, on_time) == 0
+    late = [*on_time[:2], act("a1", 1089), act("a2", 1103)]
+    assert behind(timeline, late) == pytest.approx(0.09)
+    assert behind(timeline, [act("go", 0), act("a1", 178)], 200 * MS) == pytest.approx(0.09)
     lost = FaultRecord(label="a0", fault="lose", begin=0, end=1007 * MS)
-    assert behind_ns(timeline, [act("go", 1000), lost]) == 7 * MS
-    assert behind_ns(timeline, [act("a2", 5000)]) == 0
+    assert behind(timeline, [act("go", 1000), lost]) == pytest.approx(0.07)
+    assert behind(timeline, [act("a2", 5000)]) == 0
 
 
 @pytest.mark.usefixtures("_fragile")

@@ -73,8 +73,9 @@ class ZenohBackend(Backend):
         self._network = Network(host.scratch, processes=host.processes, proxies=bool(host.faults & WIRE_FAULTS))
         self._sessions: weakref.WeakSet[ZenohSession] = weakref.WeakSet()
         self._faults = Faults(self._network, lambda: list(self._sessions))
-        given = host.options.get("locator", "")
-        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH) if host.variant == ROUTER and not given else None
+        clients = host.variant == ROUTER
+        given = host.options.get("locator", "") if clients else ""
+        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH) if clients and not given else None
         self._environment: Environment = GivenRouter(given) if given else self._own or Environment()
 
     def create_session(self, options: SessionOptions) -> Session:

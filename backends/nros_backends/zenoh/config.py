@@ -18,16 +18,13 @@ LEASE_MS = 500
 RETRY_MS = 50
 """How soon a session tries again to connect; zenoh's own is 1 s, growing to 4 s."""
 
-HANDSHAKE_MS = 10_000
-"""How long a transport may take to open, as zenoh has it.
+HANDSHAKE_MS = 2_000
+"""How long a transport may take to open; zenoh's own is 10 s, but creating a client and closing a peer wait for it.
 
-zenoh 1.10.2 drops a handshake whose time is over wherever it is. Between its last message and the reader's start
+zenoh 1.10.2 drops a handshake whose time is over wherever it stands. Between its last message and the reader's start
 that leaves a transport which sends and never reads: neither side ever ends it, and every later attempt is turned
-away. A limit that a busy host reaches at times, such as a lease, therefore cuts a session off for good.
+away. So this must be longer than a busy host, or a process that is frozen for a lease or two, needs.
 """
-
-CLIENT_HANDSHAKE_MS = 2_000
-"""The same for a client, whose creation waits for it: a router that is frozen answers nobody."""
 
 _KEEP_ALIVES = 8
 """Signs of life per lease; zenoh's default is 4. A busy host may delay one by the rest of the lease."""

@@ -20,7 +20,7 @@ from pathlib import Path
 import zenoh
 from filelock import FileLock
 
-from nros_backends.zenoh.config import CLIENT_HANDSHAKE_MS, free_port, open_session, tcp_address
+from nros_backends.zenoh.config import free_port, open_session, tcp_address
 from nros_backends.zenoh.proxy import Flow, Loop, TcpProxy
 from nros_conformance.rmw.codes import RmwError
 
@@ -131,10 +131,7 @@ class Network:
         proxy = self._proxy(address) if address is not None and self._proxies else None
         try:
             session = open_session(
-                "client",
-                connect=[locator if proxy is None else f"tcp/127.0.0.1:{proxy.port}"],
-                lease_ms=lease_ms,
-                open_ms=CLIENT_HANDSHAKE_MS,
+                "client", connect=[locator if proxy is None else f"tcp/127.0.0.1:{proxy.port}"], lease_ms=lease_ms
             )
         except BaseException:
             self._undo([proxy] if proxy is not None else [])
