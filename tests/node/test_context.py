@@ -54,7 +54,7 @@ def test_an_unknown_backend_is_an_error_that_tells_the_known_ones() -> None:
 
 @pytest.mark.parametrize(("name", "detail"), [
     ("nros_backends.uorb:Nothing", "uorb/__init__.py: there is no class 'Nothing'; valid are UorbBackend"),
-    ("nros_backends.uorb.bus:Bus", "uorb/bus.py: Bus is no adapter; derive it from nros_conformance.rmw.backend.Backend"),
+    ("nros_backends.uorb.bus:Bus", "bus.py: Bus is no adapter; derive it from nros_conformance.rmw.backend.Backend"),
 ])  # fmt: skip
 def test_a_name_of_something_else_is_an_unknown_backend(name: str, detail: str) -> None:
     with pytest.raises(RmwError) as caught:
