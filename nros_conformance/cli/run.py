@@ -194,7 +194,7 @@ def _check_options(options: argparse.Namespace, backends: Sequence[Found]) -> No
 
 
 def _launch(options: argparse.Namespace) -> Launch:
-    launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug)
+    launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug, group=options.group)
     return dataclasses.replace(launch, debug=launch.debug or launch.interactive)
 
 

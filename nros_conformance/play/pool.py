@@ -101,7 +101,7 @@ class Pool:
         """
         pending = [msgspec.structs.replace(plan, network=place) for plan in plans]
         while pending and not self._stopped.is_set():
-            done, suspects = self._session(pending, concurrency)
+            done, suspects = self._session(pending[: self._launch.group or None], concurrency)
             if len(suspects) > 1:
                 for plan in suspects:
                     self._session([plan], 1)
