@@ -56,6 +56,20 @@ def test_who_listens_is_told_until_it_has_finished(monkeypatch: pytest.MonkeyPat
     assert len(told) == count
 
 
+def test_what_was_waited_for_just_before_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    schedstat(monkeypatch, {"1": 0}, {"1": 0, "2": 40 * MS}, {"1": 0, "2": 40 * MS})
+    monkeypatch.setattr("nros_conformance.play.starvation.LOOK_S", 3600.0)
+    watch, told = Watch(), list[Starved]()
+    watch.start()
+    with watch.telling(told.append):
+        assert told == []
+    assert [one.wait for one in told] == [40 * MS]
+    assert told[0].begin <= told[0].end
+    with watch.telling(told.append):
+        pass
+    assert len(told) == 1
+
+
 def test_sleeping_is_no_waiting() -> None:
     watch = Watch()
     sleeper = threading.Thread(target=time.sleep, args=(0.05,))
