@@ -29,6 +29,9 @@ class Row:
     variant: str = ""
     versions: Mapping[str, str] = dataclasses.field(default_factory=dict)
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    lacking: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """The faults that cannot be injected with these options, and why."""
+
     clock: str = ""
     """Another clock than the declared one; the control plays the reference on the real one too."""
     provisional: str = ""

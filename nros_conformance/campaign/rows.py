@@ -37,12 +37,13 @@ def rows_of(
     the options, `FormatError` when it is broken.
     """
     given = {**found.options, **(options or {})}
-    versions = found.versions(Host(clock=MonotonicClock(), options=given))
+    host = Host(clock=MonotonicClock(), options=given)
+    versions = found.versions(host)
     variants = [name for name, facts in declaration.variants.items() if facts.get("default", True)]
     return [
         Row(
             declaration.in_variant(variant), found.adapter, variant, versions, given,
-            asked=asked, provisional=found.provisional,
+            found.lacking(dataclasses.replace(host, variant=variant)), asked=asked, provisional=found.provisional,
         )
         for variant in variants or [""]
     ]  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import queue
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -37,6 +38,7 @@ from nros_conformance.report.results import (
     Report,
     ScenarioResult,
     Status,
+    folder_for,
     write_report,
 )
 from nros_conformance.rmw.events import EventKind
@@ -49,8 +51,8 @@ AT_ONCE = 24
 """Scenarios at once in a worker on the real clock. Each is two sessions with threads of the middleware's own; with 48
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
-OWN_AT_ONCE = 3
-"""Scenarios in processes of their own, at once and beside the others: a thousand cycles are mostly waiting."""
+BESIDE = 4
+"""Processes beside the one whose plays share it: a thousand cycles are mostly waiting."""
 
 TOGETHER, AT_LEAST = 24, 4
 """All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
@@ -76,8 +78,8 @@ class RowRun:
         self.row = row
         self.suites = suites
         self.selection = selection
-        self.results = results
-        self.folder = results / row.name
+        self.results = folder_for(results, row.name, narrowed=selection.narrowed and selection.keys is None)
+        self.folder = self.results / row.name
         self._ports = ports
         self._at_once = at_once
         self._control = control
@@ -91,7 +93,7 @@ class RowRun:
         self._to_play: dict[str, Loaded] = {}
         self._pool: Pool | None = None
         self.broken = ""
-        missing = lacking()
+        missing = {**lacking(), **row.lacking}
         for one in selection.choose(suites):
             decision = decide(one, row.declaration, missing)
             if decision.status == "play":
@@ -112,8 +114,8 @@ class RowRun:
         """Play all, write ``report.json``; also when interrupted."""
         traces = self.folder / "traces"
         traces.mkdir(parents=True, exist_ok=True)
-        for old in traces.glob("*.jsonl"):
-            old.unlink()
+        for old in traces.iterdir():
+            shutil.rmtree(old) if old.is_dir() else old.unlink()
         self._pool = pool = Pool(
             self.folder / "worker.log", virtual=self.row.virtual, ended=self._ended,
             casualty=self._casualties.append, launch=self._launch,
@@ -154,33 +156,32 @@ class RowRun:
         for some in (together, own):
             some.sort(key=lambda plan: -plan.expected_ns)
         at_once = max(1, min(self._at_once >> (number - 1), self.row.declaration.bounds.sessions // 2))
-        with self._beside(pool, own):
+        # A process each for the others; one for those that must not share it at the same time.
+        with self._beside(pool, [part for part in (alone, *([plan] for plan in own)) if part]):
             if together:
                 pool.play(together, at_once)
-            if alone:
-                pool.play(alone, 1)
 
     @contextlib.contextmanager
-    def _beside(self, pool: Pool, plans: Sequence[Plan]) -> Iterator[None]:
-        """Plays them in a process each while other things go on, or after that where somebody looks at each process."""
+    def _beside(self, pool: Pool, parts: Sequence[Sequence[Plan]]) -> Iterator[None]:
+        """Plays each part in a process while other things go on, or after that where somebody looks at each process."""
         if self._launch.wrap or self._launch.debug:
             yield
-            for plan in plans:
-                pool.play([plan], 1)
+            for part in parts:
+                pool.play(part, 1)
             return
         places = queue.SimpleQueue[int]()
-        for place in range(AT_ONCE, AT_ONCE + OWN_AT_ONCE):
+        for place in range(AT_ONCE, AT_ONCE + BESIDE):
             places.put(place)
 
-        def play(plan: Plan) -> None:
+        def play(part: Sequence[Plan]) -> None:
             place = places.get()
             try:
-                pool.play([plan], 1, place)
+                pool.play(part, 1, place)
             finally:
                 places.put(place)
 
-        with ThreadPoolExecutor(OWN_AT_ONCE, thread_name_prefix=self.row.name) as executor:
-            playing = [executor.submit(play, plan) for plan in plans]
+        with ThreadPoolExecutor(BESIDE, thread_name_prefix=self.row.name) as executor:
+            playing = [executor.submit(play, part) for part in parts]
             try:
                 yield
             except BaseException:
@@ -241,6 +242,7 @@ class RowRun:
             digest=self.suites.digest,
             profile=self.selection.profile,
             partial=partial,
+            narrowed=self.selection.narrowed and self.selection.keys is None,
             why_partial=why,
             row=self.row.name,
             backend=self.row.declaration.name,

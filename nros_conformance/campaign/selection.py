@@ -73,7 +73,7 @@ PLAY = Decision("play")
 
 
 def decide(one: Loaded, declaration: Declaration, unavailable: Mapping[str, str] = MappingProxyType({})) -> Decision:
-    """By the declaration, and by what the host lacks (fault -> why it cannot be injected), before anything runs."""
+    """By the declaration, before anything runs. ``unavailable``: what host and options lack, by fault, and why."""
     scenario = one.scenario
     claims = declaration.claims()
     if scenario.refusal is not None and claims[scenario.refusal] != "no":
@@ -103,7 +103,7 @@ def decide(one: Loaded, declaration: Declaration, unavailable: Mapping[str, str]
         return Decision("untested", f"the fault {missing[0]} cannot be injected here")
     lost = sorted(faults_needed(scenario) & set(unavailable)) if declaration.behaviour.clock == "real" else []
     if lost:
-        return Decision("untested", f"the fault {lost[0]} cannot be injected on this machine: {unavailable[lost[0]]}")
+        return Decision("untested", f"the fault {lost[0]} cannot be injected here: {unavailable[lost[0]]}")
     return PLAY
 
 

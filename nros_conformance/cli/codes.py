@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import enum
+import shlex
 from collections.abc import Iterable
+from pathlib import Path
+
+RESULTS = Path(".nros-conformance")
+"""Where runs leave their results unless told otherwise."""
 
 
 class ExitCode(enum.IntEnum):
@@ -39,3 +45,9 @@ def user_errors() -> tuple[type[Exception], ...]:
     from nros_conformance.scaffold.project import ScaffoldError
 
     return (SelectionError, NoPorts, ReportError, HypothesisMissing, ScaffoldError, WorkerBroken)
+
+
+def repeated(options: argparse.Namespace) -> str:
+    """Where results and suites are, if not where every command looks: for the hints that name a command."""
+    given = (("--results", options.results, RESULTS), ("--suites", options.suites, None))
+    return "".join(f" {name} {shlex.quote(str(path))}" for name, path, usual in given if path != usual)

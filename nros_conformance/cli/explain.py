@@ -6,13 +6,20 @@ import argparse
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import NamedTuple
 
-from nros_conformance.cli.codes import ExitCode
+from nros_conformance.cli.codes import ExitCode, repeated
 from nros_conformance.formats.places import nearest
 from nros_conformance.play.peer import LOG
-from nros_conformance.report.explain import explain_cell, explain_requirement, explain_scenario, explain_word
+from nros_conformance.report.explain import (
+    explain_cell,
+    explain_note,
+    explain_requirement,
+    explain_scenario,
+    explain_word,
+)
 from nros_conformance.report.picture import svg
-from nros_conformance.report.results import Report, ReportError, ScenarioResult, read_reports
+from nros_conformance.report.results import Report, ReportError, ScenarioResult, read_latest, read_reports
 from nros_conformance.report.table import assemble
 from nros_conformance.report.timeline import timeline
 from nros_conformance.suite.loader import Suites, load_suites
@@ -24,11 +31,11 @@ def run(options: argparse.Namespace) -> ExitCode:
     suites = load_suites(options.suites)
     subject: list[str] = options.subject
     if len(subject) > 2:
-        raise ReportError("explain takes [BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend")
+        raise ReportError(
+            "explain takes [BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, a note key, or a word of the legend"
+        )
     word = subject[-1]
-    text = explain_word(word) if len(subject) == 1 else None
-    if text is None and len(subject) == 1 and word in suites.levels:
-        text = explain_requirement(suites.requirements[word], suites.scenarios, _reports_or_none(options))
+    text = _term(options, suites, word) if len(subject) == 1 else None
     if text is None and "/" in word and "." not in word.partition("/")[0]:
         row, _, column = word.partition("/")
         reports = read_reports(options.results)
@@ -39,6 +46,19 @@ def run(options: argparse.Namespace) -> ExitCode:
     return ExitCode.OK
 
 
+def _term(options: argparse.Namespace, suites: Suites, word: str) -> str | None:
+    """A requirement, a word of the legend or the key of a note; None for anything else."""
+    reports = _reports_or_none(options)
+    if word in suites.levels:
+        return explain_requirement(
+            suites.requirements[word], suites.scenarios, reports, suites.requirements.sources
+        )  # fmt: skip
+    rows = any(report.available and not report.declaration.control for report in reports)
+    table = assemble(reports, suites.levels) if rows else None
+    note = explain_note(word, table) if table is not None else None
+    return note if note is not None else explain_word(word, table)
+
+
 def _reports_or_none(options: argparse.Namespace) -> Sequence[Report]:
     try:
         return read_reports(options.results)
@@ -47,33 +67,46 @@ def _reports_or_none(options: argparse.Namespace) -> Sequence[Report]:
 
 
 def _scenario(options: argparse.Namespace, suites: Suites, subject: Sequence[str]) -> str:
-    reports = read_reports(options.results)
+    stored = read_latest(options.results)
     if len(subject) == 2:
-        reports = (_row(reports, subject[0]),)
+        row = _row([report for _, report in stored], subject[0]).row
+        stored = tuple(one for one in stored if one[1].row == row)
+    results = [_Stored(folder, report, result) for folder, report in stored for result in report.results]
     wanted = subject[-1]
-    found = [(report, result) for report in reports for result in report.results if wanted in (result.id, result.key)]
+    found = [one for one in results if wanted in (one.result.id, one.result.key)]
     if not found:
-        found = [
-            (report, result) for report in reports for result in report.results
-            if fnmatchcase(result.key, wanted.replace("[", "[[]"))
-        ]  # fmt: skip
+        found = [one for one in results if fnmatchcase(one.result.key, wanted.replace("[", "[[]"))]
     if not found:
-        hint = nearest(wanted, sorted({result.id for report in reports for result in report.results}))
+        hint = nearest(wanted, sorted({one.result.id for one in results}))
         raise ReportError(f"nothing was played that is called {wanted!r}" + (f"; {hint}" if "did you" in hint else ""))
+    latest = list({(one.report.row, one.result.key): one for one in reversed(found)}.values())[::-1]
     # Of several parameters and backends, what went wrong is what somebody wants to know.
-    order = {"fail": 0, "error": 0, "inconclusive": 1, "warn": 2}
-    report, result = min(found, key=lambda one: order.get(one[1].verdict or "", 3))
-    return _explained(options, suites, report, result, len(found))
+    order = {"fail": 0, "error": 0, "inconclusive": 1, "warn": 2, "pass": 3}
+    return _explained(
+        options, suites, min(latest, key=lambda one: order.get(one.result.verdict or "", 4)), len(latest)
+    )  # fmt: skip
 
 
-def _explained(options: argparse.Namespace, suites: Suites, report: Report, result: ScenarioResult, alike: int) -> str:
+class _Stored(NamedTuple):
+    """A result and the results directory that it stands in."""
+
+    folder: Path
+    report: Report
+    result: ScenarioResult
+
+
+def _explained(options: argparse.Namespace, suites: Suites, stored: _Stored, alike: int) -> str:
+    folder, report, result = stored
     if not result.attempts:
         return f"{result.status}   {result.key} on {report.row}\n\n  {result.title}\n  {result.reason}"
     attempt = result.attempts[-1]
-    trace = read_trace(options.results / report.row / attempt.trace)
-    text = explain_scenario(report, result, attempt, trace, {one.id: one for one in suites.requirements})
+    trace = read_trace(folder / report.row / attempt.trace)
+    text = explain_scenario(
+        report, result, attempt, trace, {one.id: one for one in suites.requirements}, repeated(options),
+        suites.requirements.sources,
+    )  # fmt: skip
     peer = Path(f"{attempt.trace}.d") / LOG
-    if attempt.verdict.verdict != "pass" and (options.results / report.row / peer).is_file():
+    if attempt.verdict.verdict != "pass" and (folder / report.row / peer).is_file():
         text += f"\nPeer       {report.row}/{peer.as_posix()}: what the agent, router or broker has printed"
     if options.svg is not None:
         rows = timeline(trace, attempt.verdict.findings)

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         others = _stands(options.against, suites, stack) if options.against is not None else []
         if not stands or (options.against is not None and not others):
             return ExitCode.NOTHING
-        for text in left_out([*stands, *others]):
+        for text in left_out(stand.cast for stand in [*stands, *others]):
             print(f"left out {text}")
         if others:
             first, second = stands[0], others[0]

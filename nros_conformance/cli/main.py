@@ -15,12 +15,9 @@ from typing import NoReturn
 
 from nros_conformance import __version__
 from nros_conformance.cli import native
-from nros_conformance.cli.codes import ExitCode
+from nros_conformance.cli.codes import RESULTS, ExitCode
 
 PROG = "nros-conformance"
-
-RESULTS = Path(".nros-conformance")
-"""Where runs leave their results unless told otherwise."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -158,6 +155,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     matrix.add_argument("--output", type=Path, default=Path("matrix.md"), metavar="FILE", help="default: matrix.md")
     matrix.add_argument("--html", type=Path, metavar="FILE", help="also write the web page")
     matrix.add_argument("--readme", type=Path, metavar="FILE", help="also copy the table into this README")
+    matrix.add_argument(
+        "--badges", type=Path, metavar="DIR", help="also write a badge for each row: SVG, and JSON for shields.io"
+    )
     instead = matrix.add_mutually_exclusive_group()
     instead.add_argument(
         "--check", action="store_true", help="compare with FILE instead of writing it; exit 1 if they differ"
@@ -198,7 +198,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     explain = _command(commands, "explain", "why a scenario or cell says what it says")
     explain.add_argument(
         "subject", nargs="+", metavar="SUBJECT",
-        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, or a word of the legend",
+        help="[BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, a note key, or a word of the legend",
     )  # fmt: skip
     explain.add_argument("--svg", type=Path, metavar="FILE", help="also draw the timeline of the scenario")
 

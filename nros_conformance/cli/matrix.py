@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nros_conformance.cli.codes import ExitCode
+from nros_conformance.report import badges
 from nros_conformance.report.changes import changes, of_table, read_old
 from nros_conformance.report.matrix import check, render
 from nros_conformance.report.mutation import stored_scores
@@ -54,7 +55,16 @@ def run(options: argparse.Namespace) -> ExitCode:
         readme = options.readme.read_text(encoding="utf-8")
         options.readme.write_text(_with_table(options.readme, readme, text), encoding="utf-8")
         print(f"written  {options.readme}")
+    if options.badges is not None:
+        _write_badges(options.badges, text)
     return ExitCode.OK
+
+
+def _write_badges(folder: Path, text: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in badges.files(text).items():
+        (folder / name).write_text(content, encoding="utf-8")
+    print(f"written  {folder}/   " + ", ".join(f"{name}.svg" for name in badges.badges(text)))
 
 
 def _check(
@@ -69,6 +79,8 @@ def _check(
         readme = options.readme.read_text(encoding="utf-8")
         if _with_table(options.readme, readme, existing) != readme:
             differences.append(f"{options.readme}: its table is not the one of {options.output}")
+    if options.badges is not None:
+        differences += badges.stale(options.badges, existing)
     for difference in differences:
         print(difference)
     if differences:

@@ -21,7 +21,7 @@ from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
 from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli import native
-from nros_conformance.cli.codes import ExitCode, strongest
+from nros_conformance.cli.codes import ExitCode, repeated, strongest
 from nros_conformance.cli.declare import refused
 from nros_conformance.cli.progress import ProgressLine
 from nros_conformance.formats.places import FormatError, nearest
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         for one in runs:
             row = one.row
             say(terminal.row_line(row.name, row.declaration, row.versions, row.virtual, one.total, len(chosen), width))
-        reports, interrupted = _play(runs, suites, say)
+        reports, interrupted = _play(runs, suites, say, repeated(options))
     if interrupted:
         codes.append(ExitCode.INTERRUPTED)
     if options.json:
@@ -103,9 +103,10 @@ def run(options: argparse.Namespace) -> ExitCode:
     if options.junit is not None:
         options.junit.parent.mkdir(parents=True, exist_ok=True)
         options.junit.write_bytes(junit(reports, {one.id: one for one in suites.requirements}))
-    say(terminal.closing(reports, suites.levels, options.results, selection))
+    apart = [one.row.name for one in runs if one.results != options.results]
+    say(terminal.closing(reports, suites.levels, options.results, selection, apart, repeated(options)))
     if launch.wrap and not launch.debug:
-        say("wrapped  " + ", ".join(f"{options.results}/{report.row}/worker.log" for report in reports))
+        say("wrapped  " + ", ".join(f"{one.folder}/worker.log" for one in runs))
     code = strongest(codes)
     say(f"\nexit {int(code)}{terminal.meaning(int(code), reports)}")
     return code
@@ -211,7 +212,7 @@ def _control(suites: Suites, selection: Selection, options: argparse.Namespace, 
     return control
 
 
-def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[list[Report], bool]:
+def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say, hints: str) -> tuple[list[Report], bool]:
     """All rows side by side, each in a worker process of its own."""
     line = ProgressLine(sys.stderr)
     requirements = {one.id: one for one in suites.requirements}
@@ -227,7 +228,7 @@ def _play(runs: Sequence[RowRun], suites: Suites, say: terminal.Say) -> tuple[li
             )
             if progress.result.verdict in ("fail", "error") and not progress.result.known:
                 line.clear()
-                say("\n" + failure(one_report[progress.row.name].report(), progress.result, requirements))
+                say("\n" + failure(one_report[progress.row.name].report(), progress.result, requirements, hints))
 
     one_report = {one.row.name: one for one in runs}
     for one in runs:

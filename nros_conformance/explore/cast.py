@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from nros_conformance.rmw.declaration import Declaration, Event
 from nros_conformance.rmw.events import EventKind
-from nros_conformance.rmw.qos import Liveliness, QosProfile
+from nros_conformance.rmw.qos import Liveliness, QosProfile, Reliability
 
 DEADLINE_MS, LEASE_MS, DEPTH = 127, 213, 4
 """Of T/2 neither is a multiple, nor does a sum of a few of them fall close to one."""
@@ -29,21 +29,24 @@ _DEADLINES = (EventKind.REQUESTED_DEADLINE_MISSED, EventKind.OFFERED_DEADLINE_MI
 class Cast:
     """``leases``: the publisher ``manual`` has MANUAL liveliness, else it is a second plain one.
 
+    ``forgets``: to a subscription a publisher that is not alive has gone, and is a new one when it comes back.
     ``without``: events that are claimed and not looked at, and why.
     """
 
     kinds: tuple[EventKind, ...] = tuple(EventKind)
     verbs: tuple[str, ...] = tuple(VERBS)
     leases: bool = True
+    forgets: bool = False
     without: Mapping[EventKind, str] = dataclasses.field(default_factory=dict)
 
-    def qos(self, name: str) -> QosProfile:
-        """What an entity asks for."""
+    def qos(self, name: str, lossy: bool = False) -> QosProfile:
+        """What an entity asks for. ``lossy``: what is lost has to stay lost, so nothing may be repaired."""
+        reliability = Reliability.BEST_EFFORT if lossy else Reliability.RELIABLE
         if name in SUBSCRIPTIONS:
-            return QosProfile(depth=DEPTH)
+            return QosProfile(reliability, depth=DEPTH)
         if name == "manual" and self.leases:
-            return QosProfile(depth=16, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE_MS)
-        return QosProfile(depth=16)
+            return QosProfile(reliability, depth=16, liveliness=Liveliness.MANUAL_BY_TOPIC, lease_ms=LEASE_MS)
+        return QosProfile(reliability, depth=16)
 
     def shared(self, other: Cast) -> Cast:
         """What two backends can both do and claim."""
@@ -51,6 +54,7 @@ class Cast:
             tuple(kind for kind in self.kinds if kind in other.kinds),
             tuple(verb for verb in self.verbs if verb in other.verbs),
             self.leases and other.leases,
+            self.forgets or other.forgets,
             {**self.without, **other.without},
         )
 
@@ -71,6 +75,7 @@ def cast_for(declaration: Declaration) -> Cast:
         tuple(kind for kind in claimed if kind not in without),
         tuple(verb for verb in VERBS if not left_out.get(verb)),
         leases,
+        declaration.event(EventKind.LIVELINESS_CHANGED).loss_class == "destroy",
         without,
     )
 

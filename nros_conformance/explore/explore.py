@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from nros_conformance.explore.search import generate, shrink, size
-from nros_conformance.explore.stand import Outcome, Stand
+from nros_conformance.explore.stand import CRASHED, Outcome, Stand
 from nros_conformance.explore.timelines import Timeline
 from nros_conformance.judge.results import Verdict
 
@@ -73,11 +73,16 @@ def explore(stand: Stand, examples: int, seed: int, watch: Watch = _quietly) -> 
             search.once[cause] += len(guilty)
             continue
         watch(f"shrink {cause}", 0, 1)
-        shortest = shrink(first, alike, len(timelines) if stand.at_once > 1 else 1)
+        shortest = shrink(first, alike, _batch(stand, cause))
         raw = stand.compose(shortest, f"x.{stand.name}-{len(search.found) + 1}")
         search.found.append(Deviation(shortest, raw, alike.last[shortest], len(guilty) - 1))
     search.plays = stand.played - before
     return search
+
+
+def _batch(stand: Stand, cause: str) -> int:
+    """How many shorter timelines are played together: a crash is shared by all that are in flight."""
+    return 1 if stand.row.virtual or cause == CRASHED else 1000
 
 
 def _all(stand: Stand, timelines: Sequence[Timeline], watch: Watch) -> list[Outcome]:
@@ -173,7 +178,7 @@ def compare(first: Stand, second: Stand, examples: int, seed: int, watch: Watch 
         if one is None:
             comparison.once[requirement] += len(found)
             continue
-        shortest = shrink(one, alone, len(timelines) if stand.at_once > 1 else 1)
+        shortest = shrink(one, alone, _batch(stand, requirement))
         verdict = alike.last[shortest]
         comparison.differences.append(Difference(requirement, stand.name, len(found), shortest, verdict, known))
     comparison.differences.sort(key=lambda one: (one.requirement, one.by))

@@ -12,9 +12,9 @@ import msgspec
 
 from nros_conformance.campaign.plans import ATTEMPTS, Row, make_plan
 from nros_conformance.campaign.run import AT_ONCE
-from nros_conformance.explore.cast import cast_for
+from nros_conformance.explore.cast import Cast, cast_for
 from nros_conformance.explore.mutation import play_defective
-from nros_conformance.explore.timelines import Timeline, behind_ns, scenario
+from nros_conformance.explore.timelines import T, Timeline, behind, scenario
 from nros_conformance.formats.places import FormatError, nearest
 from nros_conformance.judge.judge import judge
 from nros_conformance.judge.results import Verdict
@@ -37,6 +37,9 @@ the real clock as much again as the judge allows for, and a drive."""
 
 PER_WORKER = 200
 """Plays before a fresh worker process: one that plays several at once collects no garbage."""
+
+DIED, CRASHED = "the backend ", "the backend crashed"
+"""How the cause of a play begins that the backend did not survive, and the one that costs its process."""
 
 _DIED = ("crash", "hang", "raised")
 
@@ -68,7 +71,7 @@ class Outcome:
         """Those that fail; of a backend that died, how it did."""
         if self.verdict.verdict != "fail":
             return frozenset()
-        if self.cause.startswith("the backend "):
+        if self.cause.startswith(DIED):
             return frozenset([self.cause])
         return frozenset(id_ for one in self.verdict.failed() for id_ in one.proves)
 
@@ -108,7 +111,7 @@ class Stand:
         return scenario(timeline, slack_ns=self.slack_ns, id_=id_, cast=self.cast, world=world)
 
     def play(self, timelines: Sequence[Timeline], watch: Callable[[], None] = lambda: None) -> list[Outcome]:
-        """Play and judge each of them; what is unclear again, with fewer at once. ``watch`` is told of each."""
+        """Play and judge each of them, what is unclear again: slower, fewer at once. ``watch`` is told of each."""
         if not self.row.virtual:
             parts = [timelines[first : first + PER_WORKER] for first in range(0, len(timelines), PER_WORKER)]
             return [outcome for part in parts for outcome in self._repeatedly(part, watch)]
@@ -125,24 +128,26 @@ class Stand:
         return Loaded(raw["id"], typed(raw), raw, "explored", "", {})
 
     def _repeatedly(self, timelines: Sequence[Timeline], watch: Callable[[], None]) -> list[Outcome]:
-        outcomes = self._together(timelines, self.at_once, watch)
+        outcomes = self._together(timelines, 1, watch)
         for number in range(1, ATTEMPTS):
             again = [index for index, outcome in enumerate(outcomes) if outcome.unclear]
             if again:
-                repeated = self._together([timelines[index] for index in again], max(1, self.at_once >> number))
+                repeated = self._together([timelines[index] for index in again], 2**number)
                 for index, outcome in zip(again, repeated, strict=True):
                     outcomes[index] = outcome
         return outcomes
 
     def _together(
-        self, timelines: Sequence[Timeline], at_once: int, watch: Callable[[], None] = lambda: None
+        self, timelines: Sequence[Timeline], stretch: int, watch: Callable[[], None] = lambda: None
     ) -> list[Outcome]:
-        """In worker processes: a crash or hang costs the timeline that caused it."""
+        """In worker processes: a crash or hang costs the timeline that caused it. ``stretch`` multiplies T."""
         self.played += len(timelines)
         found: dict[str, Outcome] = {}
         plans: dict[str, tuple[Plan, Timeline]] = {}
         for timeline in timelines:
-            plan = make_plan(self._loaded(timeline), self.row, self.suites, self._folder, ports=self._ports)
+            plan = make_plan(
+                self._loaded(timeline), self.row, self.suites, self._folder, stretch=stretch, ports=self._ports
+            )  # fmt: skip
             plans[plan.key] = plan, timeline
 
         def ended(one: Ended) -> None:
@@ -157,7 +162,7 @@ class Stand:
         )  # fmt: skip
         (self._folder / "worker.log").touch()
         longest_first = sorted((plan for plan, _ in plans.values()), key=lambda plan: -plan.expected_ns)
-        pool.play(longest_first, at_once)
+        pool.play(longest_first, max(1, self.at_once // stretch))
         died = Verdict(verdict="inconclusive", reason="a worker process died, and not again when it was played alone")
         return [found.get(key, Outcome(died)) for key in plans]
 
@@ -165,10 +170,9 @@ class Stand:
         verdict = judge(trace)
         if verdict.verdict != "fail" or (trace.end is not None and trace.end.outcome in _DIED):
             return Outcome(verdict)
-        behind = behind_ns(timeline, trace.records)
-        if behind > self.slack_ns:
-            reason = f"the play was {behind / MS:.0f} ms behind its timeline"
-            return Outcome(Verdict(verdict="inconclusive", reason=reason))
+        late = behind(timeline, trace.records, trace.header.quantities["T"])
+        if late > self.slack_ns / T:
+            return Outcome(Verdict(verdict="inconclusive", reason=f"the play was {late:.2f}T behind its timeline"))
         return Outcome(verdict, self._known(timeline, trace))
 
     def _known(self, timeline: Timeline, trace: Trace) -> str:
@@ -199,7 +203,7 @@ def deviations(declaration: Declaration, versions: Mapping[str, str]) -> dict[st
     return found
 
 
-def left_out(stands: Iterable[Stand]) -> list[str]:
+def left_out(casts: Iterable[Cast]) -> list[str]:
     """Which events are not looked at although they are claimed, and why."""
-    found = {kind.label: why for stand in stands for kind, why in stand.cast.without.items()}
+    found = {kind.label: why for cast in casts for kind, why in cast.without.items()}
     return [f"{label}: {why}" for label, why in found.items()]

@@ -59,7 +59,7 @@ def name_of(part: schema.Base) -> str:
 
 TIMED = (
     schema.Never, schema.Periodic, schema.Total, schema.Level, schema.Inside, schema.Callback, schema.Callbacks,
-    schema.Takes, schema.Received,
+    schema.Takes, schema.Received, schema.Counted,
 )  # fmt: skip
 """What a host that runs the backend's own threads late can violate."""
 

@@ -9,7 +9,8 @@ from nros_conformance.rmw.events import EventStatus
 from nros_conformance.trace.records import Event
 
 if TYPE_CHECKING:
-    from nros_conformance.play.stage import Actor, Stage
+    from nros_conformance.play.actors import Actor
+    from nros_conformance.play.stage import Stage
 
 
 class StatusCallback:

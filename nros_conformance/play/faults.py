@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from nros_conformance.play.actors import Actor
 from nros_conformance.play.driver import Command, Driver, StopPlay
 from nros_conformance.play.remote import RemoteDriver
-from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.play.stage import Stage
 from nros_conformance.rmw.events import KIND_BY_LABEL
 from nros_conformance.suite.injections import INJECTIONS
 from nros_conformance.suite.schema import Fault

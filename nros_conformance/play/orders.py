@@ -40,6 +40,10 @@ class Order(Struct, frozen=True, tag="order"):
     entity: str = ""
 
 
+class Ready(Struct, frozen=True, tag="ready"):
+    """The cast was taken in: what takes long from here on is the backend's doing, not that of a process that starts."""
+
+
 class Done(Struct, frozen=True, tag="done"):
     """An order was carried out."""
 
@@ -63,7 +67,7 @@ class Failed(Struct, frozen=True, tag="failed"):
 
 
 ToSession: TypeAlias = Cast | Order
-FromSession: TypeAlias = Done | Noted | Failed
+FromSession: TypeAlias = Ready | Done | Noted | Failed
 
 _ENCODER = msgspec.json.Encoder()
 _TO: msgspec.json.Decoder[ToSession] = msgspec.json.Decoder(ToSession)

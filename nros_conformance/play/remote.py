@@ -8,13 +8,16 @@ from collections.abc import Callable
 from typing import Literal, cast
 
 from nros_conformance.play.driver import Command, Driver, StopPlay
-from nros_conformance.play.orders import Cast, Done, Failed, Noted, Order, decode_answer, encode
+from nros_conformance.play.orders import Cast, Done, Failed, Noted, Order, Ready, decode_answer, encode
 from nros_conformance.play.processes import SessionProcess, death
-from nros_conformance.rmw.clock import MS, Clock, Task
+from nros_conformance.rmw.clock import MS, Clock, Signal, Task
 from nros_conformance.trace.records import AnyRecord, State
 
 _GENERATION = 100_000
 """Sequence numbers per process: no script publishes as many from one."""
+
+_START_NS = 60_000 * MS
+"""For a process to start: 0.2 s on an idle host, and more than 7 s were seen on a crowded one."""
 
 
 class RemoteDriver(Driver):
@@ -98,8 +101,13 @@ class RemoteDriver(Driver):
         self._process = self._launch()
         self._tell(self._cast(self._generation * _GENERATION))
         self._generation += 1
-        process = self._process
-        return self.clock.spawn(f"process of session {self.name}", lambda: self._listen(process))
+        process, ready = self._process, self.clock.signal()
+        task = self.clock.spawn(f"process of session {self.name}", lambda: self._listen(process, ready))
+        if not self.clock.wait(ready, self.clock.now_ns() + _START_NS):
+            self._ending = True
+            process.kill()
+            raise StopPlay("error", f"the process of session {self.name} has not started within {_START_NS / 1e9:g} s")
+        return task
 
     def _tell(self, message: Cast | Order) -> None:
         try:
@@ -108,7 +116,7 @@ class RemoteDriver(Driver):
         except OSError:
             pass  # it is dead, which `_listen` notices
 
-    def _listen(self, process: SessionProcess) -> None:
+    def _listen(self, process: SessionProcess, ready: Signal) -> None:
         while True:
             try:
                 data = process.connection.recv_bytes()
@@ -123,8 +131,12 @@ class RemoteDriver(Driver):
                     if command is not None:
                         command.begin, command.end, command.result = begin, end, result
                         command.done.set()
+                case Ready():
+                    ready.set()
                 case Failed(outcome, detail):
                     self._failed(outcome, detail)
+                    ready.set()
+        ready.set()
         code = process.wait(2.0)
         process.connection.close()
         if not self._ending:

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import gc
 import random
-import weakref
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from nros_conformance.play import payload
+from nros_conformance.play.actors import Actor
+from nros_conformance.play.calls import Calls
 from nros_conformance.play.cycles import CycleSum
 from nros_conformance.play.driver import Command, Driver, Scripted, StopPlay
 from nros_conformance.play.faults import Injector
 from nros_conformance.play.process import QUANTITIES
 from nros_conformance.play.settling import settle
-from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.play.stage import Stage
 from nros_conformance.play.waiting import Waiting
-from nros_conformance.rmw.backend import Listed, Publisher, Session, Subscription
+from nros_conformance.rmw.backend import Listed
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.events import KIND_BY_LABEL
-from nros_conformance.rmw.qos import INFINITE_MS
 from nros_conformance.suite import schema
 from nros_conformance.suite.injections import about_the_peer
 from nros_conformance.suite.moments import Moment
@@ -40,14 +38,13 @@ class Script:
         """Sessions that an idle step finds paused already, by its label."""
         self._steps = {label: step for label, (_, step) in zip(stage.labels, steps(stage.scenario), strict=True)}
         self._names = {id(step): label for label, step in self._steps.items()}
-        self._injector = Injector(stage, lambda actor, label, args: self._publish(actor, label, None, args))
+        self._calls = Calls(stage)
+        self._injector = Injector(stage, lambda actor, label, args: self._calls.publish(actor, label, None, args))
         self._reacted: Counter[int] = Counter()
         """Callbacks so far, by the number of the reaction."""
         self._made: Counter[str] = Counter()
         """Calls made so far, by label: those of reactions and of turns of a repeat are numbered on."""
-        self._waiting = Waiting(stage, self._publish)
-        self._held: dict[str, list[weakref.ref[Any]]] = {}
-        """Callback and context of each registration, by the label of its step."""
+        self._waiting = Waiting(stage, self._calls.publish)
         self._random = random.Random(stage.plan.header.seed)
         stage.react = self._react
 
@@ -59,7 +56,7 @@ class Script:
         """The call of one step on one entity, for a session of this process."""
         if isinstance(step, schema.Fault):
             return self._injector.command(step, label, due)[1]
-        for _, name, op, args, run in self._calls(step, label):
+        for _, name, op, args, run in self._calls.of(step, label):
             if name == entity:
                 return Command(self.clock, due, run, op=op, label=label, index=index, entity=entity, args=args)
         raise StopPlay("error", f"{label} does nothing with {entity}")
@@ -79,7 +76,7 @@ class Script:
                 case schema.Cycle():
                     self._cycle(step, label, begin)
                 case schema.Released():
-                    self._mark(label, "released", begin, self._released(step))
+                    self._mark(label, "released", begin, self._calls.released(step))
                 case schema.Parallel():
                     self._parallel(step.parallel)
                     self._mark(label, "parallel", begin)
@@ -157,11 +154,6 @@ class Script:
         for driver in self.stage.drivers.values():
             self.stage.perform(driver, "flush", driver.flush)
 
-    def _released(self, step: schema.Released) -> bool:
-        held = self._held.get(step.registration, [])
-        gc.collect()
-        return all(one() is None for one in (held[:-2] if step.but_last else held))
-
     def _idle(self, label: str, begin: int, duration: int) -> None:
         driven = self._paused.pop(label, None) or self._pause_all()
         self._pause(label, "idle", max(begin, self.clock.now_ns()), duration)
@@ -210,7 +202,7 @@ class Script:
         allowance = 0
         for turn in range(times):
             due = begin + turn * every
-            for driver, entity, op, args, run in self._calls(step, label):
+            for driver, entity, op, args, run in self._calls.of(step, label):
                 index = self._made[label] + len(posts)
                 command = Command(
                     self.clock, due, run, op=op, label=label, index=index, entity=entity, args=args, order="step"
@@ -263,95 +255,12 @@ class Script:
             driver.execute(command, registration)
             raise Scripted(label)
         for _ in range(step.times if isinstance(step, schema.Repeated) else 1):
-            for _, entity, op, args, run in self._calls(step, label, within=True):
+            for _, entity, op, args, run in self._calls.of(step, label, within=True):
                 command = Command(
                     clock, clock.now_ns(), run, op=op, label=label, index=self._made[label], entity=entity, args=args
                 )  # fmt: skip
                 self._made[label] += 1
                 driver.execute(command, registration)
-
-    def _calls(
-        self, step: Any, label: str, *, within: bool = False
-    ) -> list[tuple[Driver, str, str, dict[str, Any], Callable[[], Any]]]:
-        """(driver, entity, op, arguments, call) of one turn of a step: one per addressed entity.
-
-        ``within`` a callback a drive_io is no spin: nothing is due to be delivered by it.
-        """
-        stage = self.stage
-        match step:
-            case schema.Call():
-                driver, timeout = stage.drivers[step.session], step.timeout.ns(stage.quantities) // MS
-                drive = _session(driver).drive_io if within else driver.drive
-                return [(driver, "", "drive", {"timeout_ms": timeout}, lambda: drive(timeout))]
-            case schema.Spin():
-                driver, timeout = stage.drivers[step.session], step.timeout.ns(stage.quantities) // MS
-                executor = stage.executors[step.session]
-
-                def spin() -> int | None:
-                    return driver.drive(timeout, call=lambda: executor.spin_once(timeout, step.cap))
-
-                return [(driver, "", "spin", {"timeout_ms": timeout, "cap": step.cap}, spin)]
-            case schema.Ping(session=None):
-                timeout = step.timeout.ns(stage.quantities) // MS
-                args = {"timeout_ms": timeout, "attempts": step.attempts}
-                return [(stage.lobby, "", "ping", args, lambda: stage.probe("", timeout, step.attempts))]
-            case schema.Ping(session=str(session)):
-                driver, timeout = stage.drivers[session], step.timeout.ns(stage.quantities) // MS
-                args = {"timeout_ms": timeout, "attempts": step.attempts}
-                return [(driver, "", "ping", args, lambda: int(_session(driver).ping(timeout, step.attempts)))]
-            case schema.Destroy(of=name) if name in stage.drivers:
-                return [(stage.drivers[name], "", "destroy", {}, lambda: stage.destroy(name))]
-        name = step.entity if isinstance(step, schema.Create) else _subject(step)
-        calls = []
-        for actor in stage.members(name):
-            op, args, run = self._call(step, label, actor)
-            calls.append((actor.driver, actor.name, op, args, run))
-        return calls
-
-    def _call(self, step: Any, label: str, actor: Actor) -> tuple[str, dict[str, Any], Callable[[], Any]]:
-        stage = self.stage
-        args: dict[str, Any] = {}
-        match step:
-            case schema.Publish():
-                return "publish", args, lambda: self._publish(actor, label, step.size, args)
-            case schema.Assert():
-                return "assert", args, lambda: int(_publisher(actor).assert_liveliness())
-            case schema.Take():
-                return "take", {"max": step.max, "size": step.size}, lambda: stage.take(actor, step.max, step.size)
-            case schema.HasData():
-                return "has_data", args, lambda: _plain(_subscription(actor).has_data())
-            case schema.Supports():
-                kind = _kind(step.kind)
-                return "supports", {"kind": kind}, lambda: bool(actor.created().supports_event(kind))
-            case schema.Register():
-                return self._register(step, label, actor)
-            case schema.Create():
-                stale = step.stale
-                return "create", args, lambda: stage.create(actor, stale=stale)
-            case schema.Destroy():
-                return "destroy", args, lambda: stage.destroy(actor.name)
-        raise StopPlay("error", f"no way to play {type(step).__name__}")
-
-    def _publish(self, actor: Actor, label: str, size: int | None, args: dict[str, Any]) -> int:
-        actor.sequence += 1
-        identity = payload.Identity(self.stage.run_tag, actor.index, self.stage.label_index(label), actor.sequence)
-        data = b"" if size == 0 else payload.encode(identity, size or payload.MIN_SIZE)
-        args |= {"sequence": actor.sequence, "size": len(data)}
-        return int(_publisher(actor).publish_raw(data))
-
-    def _register(
-        self, step: schema.Register, label: str, actor: Actor
-    ) -> tuple[str, dict[str, Any], Callable[[], Any]]:
-        kind = _kind(step.kind)
-        if step.deadline is None:
-            deadline = self.stage.registration_deadline_ms(actor)
-        else:
-            deadline = INFINITE_MS if step.deadline.is_infinite else step.deadline.ns(self.stage.quantities) // MS
-        callback = None if step.callback == "none" else self.stage.callback(actor, label)
-        context = _Context(step.context or label)
-        self._held.setdefault(label, []).extend(weakref.ref(one) for one in (callback, context) if one is not None)
-        args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": str(context)}
-        return "register", args, lambda: int(actor.created().register_event(kind, deadline, callback, context))
 
     # Anchors of ``at``.
 
@@ -368,36 +277,3 @@ class Script:
             when = (chosen[0].begin if moment.edge == "begin" else chosen[-1].end) + offset
         self.stage.sleep_until(when)
         return max(when, self.clock.now_ns())
-
-
-class _Context(str):
-    """A context whose life can be watched."""
-
-
-def _session(driver: Driver) -> Session:
-    assert driver.session is not None
-    return driver.session
-
-
-def _subject(step: Any) -> str:
-    return str(getattr(step, "by", None) or getattr(step, "of", None) or getattr(step, "from_", None))
-
-
-def _kind(kind: str | int) -> int:
-    return int(KIND_BY_LABEL[kind]) if isinstance(kind, str) else kind
-
-
-def _plain(answer: bool | int) -> bool | int:
-    return answer if isinstance(answer, bool) else int(answer)
-
-
-def _publisher(actor: Actor) -> Publisher:
-    handle = actor.created()
-    assert isinstance(handle, Publisher)
-    return handle
-
-
-def _subscription(actor: Actor) -> Subscription:
-    handle = actor.created()
-    assert isinstance(handle, Subscription)
-    return handle

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.driver import Command, Driver, describe
-from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, decode_order, encode
+from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, Ready, decode_order, encode
 from nros_conformance.play.processes import die_with_parent
 from nros_conformance.play.script import Script
 from nros_conformance.play.stage import Stage
@@ -127,6 +127,7 @@ def serve(connection: Connection) -> None:
             if isinstance(message, Cast):
                 host = Host(message, line)
                 watching.enter_context(watch.telling(host.starved))
+                line.tell(Ready())
             elif message.what == "end":
                 break
             elif host is not None:

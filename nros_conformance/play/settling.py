@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from nros_conformance.play.actors import Actor
 from nros_conformance.play.remote import RemoteDriver
-from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.play.stage import Stage
 from nros_conformance.rmw.backend import Publisher, Subscription
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode

@@ -2,67 +2,33 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Callable
 from pathlib import Path
 
 from nros_conformance.node.executor import Executor
-from nros_conformance.play import payload
+from nros_conformance.play.actors import Actor, qos_profile
 from nros_conformance.play.callbacks import StatusCallback
 from nros_conformance.play.driver import Command, Driver, StopPlay
+from nros_conformance.play.messages import Messages
 from nros_conformance.play.orders import Cast
 from nros_conformance.play.peer import Peer
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.processes import SessionProcess
 from nros_conformance.play.reconnection import Kept
 from nros_conformance.play.remote import RemoteDriver
-from nros_conformance.rmw.backend import Backend, Environment, Host, Publisher, SessionOptions, Subscription
+from nros_conformance.play.starvation import wait_patiently
+from nros_conformance.rmw.backend import Backend, Environment, Host, SessionOptions
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, Side
-from nros_conformance.rmw.qos import INFINITE_MS, PROFILES, Durability, History, Liveliness, QosProfile, Reliability
 from nros_conformance.suite import schema
 from nros_conformance.suite.kinds import faults_needed, registered_kinds
 from nros_conformance.suite.walk import members, session_of, step_labels, steps
-from nros_conformance.trace.records import AnyRecord, Message, Registered, State
+from nros_conformance.trace.records import AnyRecord, Registered, State
 
-
-@dataclasses.dataclass(slots=True)
-class Actor:
-    """An entity of the scenario, and its handle once created."""
-
-    name: str
-    spec: schema.Entity
-    driver: Driver
-    index: int
-    handle: Publisher | Subscription | None = None
-    gone: bool = False
-    """Destroyed, itself or with its session; the handle stays, for calls on stale handles."""
-    sequence: int = 0
-
-    @property
-    def side(self) -> Side:
-        """Which end it is."""
-        return Side.PUBLISHER if self.spec.publisher is not None else Side.SUBSCRIPTION
-
-    @property
-    def topic(self) -> str:
-        """The topic as the suite writes it."""
-        return self.spec.publisher if self.spec.publisher is not None else self.spec.subscription or ""
-
-    @property
-    def exists(self) -> bool:
-        """Whether it has been created and not destroyed since."""
-        if isinstance(self.driver, RemoteDriver):
-            return self.name in self.driver.living
-        return self.handle is not None and not self.gone
-
-    def created(self) -> Publisher | Subscription:
-        """The handle; StopPlay when the script uses an entity before it creates it."""
-        if self.handle is None:
-            raise StopPlay("error", f"the script uses {self.name} before it exists")
-        return self.handle
+_PATIENCE = 5
+"""How much longer a call may take, in limits, while the host gives its threads no core."""
 
 
 class Stage:
@@ -113,8 +79,6 @@ class Stage:
         """The thread for calls without a session."""
         self.kept: dict[str, Kept] = {}
         """The sessions with a reconnector."""
-        self.heard: dict[tuple[str, str], int] = {}
-        """By publisher and subscription: the last sequence number that was taken."""
         self.drivers: dict[str, Driver] = {}
         self.actors: dict[str, Actor] = {}
         self.labels = step_labels(scenario)
@@ -122,10 +86,10 @@ class Stage:
         self.names: list[str] = []
         """All entities, in the same way."""
         self.executors: dict[str, Executor] = {}
+        self.messages = Messages(self)
         self.react: Callable[[Actor, int, str], None] = lambda actor, kind, registration: None
         """Told of each status callback while it runs: whose, of which kind and registration."""
         self._closed = {only} - {""}
-        self._drained: list[Actor] = []
         self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
         try:
             if scenario.peer == "present":
@@ -210,9 +174,10 @@ class Stage:
 
     def finish(self, commands: list[Command], allowance_ns: int = 0) -> None:
         """Wait for posted calls; raises `StopPlay` for a hang or a failure."""
+        apart = [driver.process.pid for driver in self.drivers.values() if isinstance(driver, RemoteDriver)]
         for command in commands:
             limit = max(command.due, self.clock.now_ns()) + allowance_ns + self.hang_ns
-            if not self.clock.wait(command.done, limit):
+            if not wait_patiently(self.clock, command.done, limit, _PATIENCE * self.hang_ns, ["self", *apart]):
                 raise self._hang(command)
         if self.stopped is not None:
             raise self.stopped
@@ -335,7 +300,7 @@ class Stage:
             self.fail("raised", f"creating {actor.name} answered {code_name(code)}: {detail}")
         if code == 0:
             self._register_all(actor)
-            self._watch(actor)
+            self.messages.watch(actor)
         return code
 
     def destroy(self, name: str) -> int:
@@ -426,75 +391,7 @@ class Stage:
         """A callback to register."""
         return StatusCallback(self, actor, registration)
 
-    # Messages.
-
-    def _watch(self, actor: Actor) -> None:
-        handle = actor.handle
-        if not isinstance(handle, Subscription):
-            return
-        if actor.spec.take == "always" and actor not in self._drained:
-            self._drained.append(actor)
-            actor.driver.after_drive.append(lambda: self._drain(actor))
-        if actor.driver.name in self.executors:
-            self.executors[actor.driver.name].add_subscription(handle, lambda data: self._spun(actor, data))
-
-    def _drain(self, actor: Actor) -> None:
-        if actor.handle is not None and not actor.gone:
-            self.take(actor, None, 65536)
-
-    def _spun(self, actor: Actor, data: bytes) -> None:
-        actor.driver.callbacks += 1
-        actor.driver.running += 1
-        self.message(actor, data, callback=True)
-        actor.driver.running -= 1
-
-    def take(self, actor: Actor, limit: int | None, size: int) -> int:
-        """Take up to ``limit`` samples; how many, or the code when there was none."""
-        handle = actor.created()
-        assert isinstance(handle, Subscription)
-        taken = 0
-        while limit is None or taken < limit:
-            data = handle.try_recv_raw(size)
-            if not isinstance(data, bytes):
-                return taken or int(data)
-            taken += 1
-            self.message(actor, data)
-        return taken
-
-    def message(self, actor: Actor, data: bytes, *, callback: bool = False) -> None:
-        """Write down a sample that was taken."""
-        t = self.clock.now_ns()
-        identity = payload.decode(data)
-        ours = identity is not None and identity.run == self.run_tag
-        sender = self.names[identity.publisher] if ours and identity else ""
-        if identity is not None and sender:
-            self.heard[(sender, actor.name)] = identity.sequence
-        actor.driver.keep(
-            Message(
-                session=actor.driver.name, entity=actor.name, t=t, publisher=sender,
-                sequence=identity.sequence if ours and identity else 0,
-                label=self.labels[identity.label] if ours and identity else "", size=len(data), callback=callback,
-            )
-        )  # fmt: skip
-
 
 def sessions_apart(scenario: schema.Scenario) -> set[str]:
     """The sessions that live in processes of their own."""
     return {name for name, spec in scenario.sessions.items() if spec.process == "own"}
-
-
-def qos_profile(spec: schema.Qos, quantities: dict[str, int]) -> QosProfile:
-    """The QoS that a suite writes, as the contract's. Durations round up to whole ms (QOS-003)."""
-    fields: dict[str, object] = {}
-    enums = {"reliability": Reliability, "durability": Durability, "history": History, "liveliness": Liveliness}
-    for name, enum in enums.items():
-        value = getattr(spec, name)
-        if value is not None:
-            fields[name] = enum[value.upper()]
-    for name in ("deadline", "lifespan", "lease"):
-        duration = getattr(spec, name)
-        if duration is not None:
-            fields[f"{name}_ms"] = INFINITE_MS if duration.is_infinite else -(-duration.ns(quantities) // MS)
-    if spec.depth is not None:
-        fields["depth"] = spec.depth
-    return dataclasses.replace(PROFILES[spec.profile], **fields)  # type: ignore[arg-type]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from nros_conformance.play.actors import Actor
 from nros_conformance.play.driver import Command, Driver
-from nros_conformance.play.stage import Actor, Stage
+from nros_conformance.play.stage import Stage
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite.schema import Until
@@ -49,7 +50,7 @@ class Waiting:
         match step.until:
             case "heard":
                 return all(
-                    stage.heard.get((name, listener.name), 0) >= number
+                    stage.messages.heard.get((name, listener.name), 0) >= number
                     for name, number in first.items()
                     for listener in stage.members(step.of or "")
                 )

@@ -132,7 +132,7 @@ class ScenarioItem(pytest.Item):
     def cast(self, subject: Subject, row: Row, one: Loaded) -> None:
         """Say which it is, and mark it with what it proves."""
         self.subject, self.row, self.loaded = subject, row, one
-        self.decision = decide(one, row.declaration)
+        self.decision = decide(one, row.declaration, row.lacking)
         self.add_marker(pytest.mark.nros)
         self.add_marker(pytest.mark.suite(name=one.suite))
         self.user_properties.append(("scenario", one.source))

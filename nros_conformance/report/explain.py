@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from nros_conformance.judge.results import Finding, Verdict
 from nros_conformance.report.columns import columns
 from nros_conformance.report.evidence import evidence
 from nros_conformance.report.matrix import MEANINGS
-from nros_conformance.report.results import Attempt, Observation, Report, ReportError, ScenarioResult
+from nros_conformance.report.results import Attempt, Report, ReportError, ScenarioResult
 from nros_conformance.report.table import Table
 from nros_conformance.report.timeline import render, timeline
 from nros_conformance.rmw.codes import code_name
@@ -33,9 +35,14 @@ class Played(Protocol):
 
 
 def explain_scenario(
-    report: Played, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement]
-) -> str:
-    """The whole explanation of one play."""
+    report: Played, result: ScenarioResult, attempt: Attempt, trace: Trace, requirements: Mapping[str, Requirement],
+    options: str = "", sources: Mapping[str, str] = MappingProxyType({}),
+) -> str:  # fmt: skip
+    """The whole explanation of one play.
+
+    ``options``: of the command, to be repeated in its hints. ``sources``: what the abbreviations in the
+    requirements stand for.
+    """
     verdict = attempt.verdict
     final = "a fail is final" if verdict.verdict == "fail" else f"T = {attempt.T_ns / 1e6:g} ms"
     word = {"pass": "pass", "fail": "FAIL", "inconclusive": "unclear"}.get(verdict.verdict, verdict.verdict)
@@ -46,13 +53,13 @@ def explain_scenario(
     if verdict.reason:
         lines += _wrapped(verdict.reason, "  ")
     for id_ in _concerned(result, verdict):
-        lines += ["", *_requirement(requirements[id_], requirements)]
+        lines += ["", *_requirement(requirements[id_], requirements, sources)]
     lines += ["", f"Script   {result.source:<62} T = {attempt.T_ns / 1e6:g} ms"]
     lines += [f"  {line}" for line in script_lines(trace.header.scenario)]
     lines += ["", "Timeline   ms after the start"]
     lines += render(timeline(trace, verdict.findings), trace.header.start)
     lines += ["", "Judgement", *_judgement(verdict)]
-    lines += ["", f"Again      {again(report, result)}", f"Trace      {report.row}/{attempt.trace}"]
+    lines += ["", f"Again      {again(report, result)}{options}", f"Trace      {report.row}/{attempt.trace}"]
     return "\n".join(lines)
 
 
@@ -63,8 +70,8 @@ def again(report: Played, result: ScenarioResult) -> str:
     return f"nros-conformance run {named} --scenario {_quoted(result.key)}"
 
 
-def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement]) -> str:
-    """The block that a run prints for a failure, as soon as it is known."""
+def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, Requirement], options: str = "") -> str:
+    """The block that a run prints for a failure, as soon as it is known. ``options`` as for `explain_scenario`."""
     verdict = result.last
     assert verdict is not None
     failed = verdict.failed()
@@ -78,8 +85,8 @@ def failure(report: Played, result: ScenarioResult, requirements: Mapping[str, R
     if not failed:
         lines += _wrapped(verdict.reason, "  cause   ")
     lines += [
-        f"  why     nros-conformance explain {report.row} {_quoted(result.key)}",
-        f"  again   {again(report, result)}",
+        f"  why     nros-conformance explain {report.row} {_quoted(result.key)}{options}",
+        f"  again   {again(report, result)}{options}",
     ]
     return "\n".join(lines)
 
@@ -98,6 +105,9 @@ def _step(step: Any, indent: str = "") -> Iterable[str]:
             inner = [line for one in branch for line in _step(one, indent + "    ")]
             lines += [f"{indent}  - {inner[0].strip()}", *inner[1:]]
         return lines
+    if isinstance(step.get("script"), list):
+        about = {key: value for key, value in step.items() if key != "script"}
+        return [*_step(about, indent), *(line for one in step["script"] for line in _step(one, indent + "    "))]
     head = f"{step['do']} " if "do" in step else ""
     rest = ", ".join(f"{key} {_value(value)}" for key, value in step.items() if key not in ("do", "as"))
     label = f"   ({step['as']})" if "as" in step else ""
@@ -119,12 +129,23 @@ def _concerned(result: ScenarioResult, verdict: Verdict) -> list[str]:
     return wrong or list(result.proves)
 
 
-def _requirement(one: Requirement, requirements: Mapping[str, Requirement]) -> list[str]:
+def _requirement(
+    one: Requirement, requirements: Mapping[str, Requirement], sources: Mapping[str, str]
+) -> list[str]:  # fmt: skip
     lines = _wrapped(f"{one.statement}", f"{one.id} ({one.level})  ", "  ")
-    lines.append(f"  from       {one.source}")
+    lines += _source(one, sources)
     if one.level == "must":
         heads = columns({each.id: each.level for each in requirements.values()})
         lines += [f"  counts in  {column.title}" for column in heads if one.id in column.musts]
+    return lines
+
+
+def _source(one: Requirement, sources: Mapping[str, str]) -> list[str]:
+    """Where a requirement comes from, and what its abbreviations stand for."""
+    lines = _wrapped(one.source, "  from       ")
+    for short, long in sources.items():
+        if re.search(rf"\b{re.escape(short)}\b", one.source):
+            lines += _wrapped(f"{short}: {long}", " " * 13, " " * (15 + len(short)))
     return lines
 
 
@@ -139,9 +160,9 @@ def _judgement(verdict: Verdict) -> list[str]:
             absent += 1
         else:
             lines += _finding(finding)
-    lines.append(f"  held       {held} expectations and {implied} invariants")
+    lines.append(f"  held       {_many(held, 'expectation')} and {_many(implied, 'invariant')}")
     if absent:
-        lines.append(f"  no word    {absent} findings had nothing to judge")
+        lines.append(f"  no word    {_many(absent, 'finding')} had nothing to judge")
     lines += [f"  warning    {text}" for text in verdict.warnings]
     return lines
 
@@ -164,21 +185,58 @@ def _finding(finding: Finding) -> list[str]:
 def _wrapped(text: str, first: str, rest: str = "") -> list[str]:
     if not text:
         return []
-    return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=rest or " " * len(first))
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=first, subsequent_indent=rest or " " * len(first),
+        break_on_hyphens=False, break_long_words=False,
+    )  # fmt: skip
 
 
-def explain_word(word: str) -> str | None:
-    """A word of the legend, by its id or as it is printed; None for another word."""
+def explain_word(word: str, table: Table | None = None) -> str | None:
+    """A word of the legend, by its id or as it is printed, and which cells say so; None for another word."""
     for id_, (printed, means) in MEANINGS.items():
         if word in (id_, printed, printed.split()[0]):
-            return f'{id_}   printed as "{printed}": {means}'
+            lines = _wrapped(
+                f'{id_}   printed as "{printed}": {_plain(means)} {_ENDS.get(id_, "")}'.rstrip(), "", "    "
+            )
+            here = [] if table is None else [
+                f"{row.name}/{cell.column}" + "".join(f" {key}" for key in cell.notes)
+                for row in table.rows for cell in row.cells if cell.id == id_
+            ]  # fmt: skip
+            return "\n".join([*lines, *_wrapped(", ".join(here), "  in these results  ")])
     return None
 
 
-def explain_requirement(one: Requirement, scenarios: Iterable[Loaded], reports: Iterable[Report]) -> str:
+_ENDS: Mapping[str, str] = {
+    "deviates": "If [[known]] entries cover all of it the run ends with 0, otherwise with 1.",
+    "broken": "The run ends with 1.",
+    "unclaimed": "The run ends with 1.",
+    "inconclusive": "The run ends with 8 if there are more than --max-unclear.",
+}
+"""What it does to the exit code, beside the word."""
+
+
+def explain_note(key: str, table: Table) -> str | None:
+    """A note of the matrix and the cells that lead to it; None when there is no such note."""
+    note = next((one for one in table.notes if one.key == key), None)
+    if note is None:
+        return None
+    cells = [f"{row.name}/{cell.column}" for row in table.rows for cell in row.cells if key in cell.notes]
+    return "\n".join([*_wrapped(_plain(" ".join(note.texts)), f"{key}   ", "     "), "",
+                      *_wrapped(", ".join(cells), "  cells    ")])  # fmt: skip
+
+
+def _plain(markdown: str) -> str:
+    """Without the marks of Markdown; a link becomes its address."""
+    return re.sub(r"[*`]", "", re.sub(r"\[[^\]]*\]\(([^)]*)\)", r"\1", markdown))
+
+
+def explain_requirement(
+    one: Requirement, scenarios: Iterable[Loaded], reports: Iterable[Report],
+    sources: Mapping[str, str] = MappingProxyType({}),
+) -> str:  # fmt: skip
     """A requirement, the scenarios that prove it, and how each backend stands with it."""
     lines = _wrapped(one.statement, f"{one.id} ({one.level})  ", "  ")
-    lines.append(f"  from       {one.source}")
+    lines += _source(one, sources)
     if one.resolution:
         lines += _wrapped(one.resolution, "  conflict   ")
     proving = [
@@ -207,20 +265,40 @@ def explain_cell(report: Report, column: str, table: Table) -> str:
     if head.kind is not None:
         event = report.declaration.event(head.kind)
         lines += _wrapped(event.how or event.because, f"  declared   {event.claim}: ", " " * 13)
-        codes = sorted({one.code for one in _answers(report, head.kind)})
-        if codes:
-            lines.append(f"  register   answered {', '.join(code_name(code) for code in codes)}")
+        lines += _observed(report, head.kind)
+    for note in table.notes:
+        if note.key in cell.notes:
+            lines += _wrapped(_plain(" ".join(note.texts)), f"  {note.key:<9}  ", " " * 13)
     lines += ["", "Rules" if head.musts else "Scenarios"]
     for id_ in head.musts:
         one = row.found[id_]
         keys = one.scenarios("fail", "unclear") or one.scenarios("pass")
         shown = ", ".join(keys[:2]) + (f" and {len(keys) - 2} more" if len(keys) > 2 else "")
         lines.append(f"  {id_}  {one.standing:<15} {shown or one.reason}")
-    lines += (
-        ["", f"Not said   anything about {report.declaration.subject.not_}"] if report.declaration.subject.not_ else []
-    )
+    if report.declaration.subject.not_:
+        lines += ["", *_wrapped(f"anything about {report.declaration.subject.not_}", "Not said   ")]
     return "\n".join(lines)
 
 
-def _answers(report: Report, kind: EventKind) -> list[Observation]:
-    return [o for o in report.observations if (o.call, o.kind, o.case) == ("register", kind, "right side")]
+def _observed(report: Report, kind: EventKind) -> list[str]:
+    """What supports_event and registering answered on the right side, and how often the event was delivered."""
+    lines = []
+    for call, word in (("supports", "supports"), ("register", "register")):
+        seen = [one for one in report.observations if (one.call, one.kind, one.case) == (call, kind, "right side")]
+        answers = [
+            f"{(str(bool(one.code)).lower() if call == 'supports' else code_name(one.code))}, {_times(one.count)}"
+            for one in seen
+        ]  # fmt: skip
+        lines += [f"  {word:<9}  answered {'; '.join(answers)}"] if answers else []
+    plays = [result for result in report.results if result.attempts]
+    number = sum(result.fired.get(int(kind), 0) for result in plays)
+    came = _many(number, "callback") if number else "nothing"
+    return [*lines, f"  fired      {came}, in {_many(len(plays), 'scenario')}"]
+
+
+def _many(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

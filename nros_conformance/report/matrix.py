@@ -269,4 +269,6 @@ def tested(report: Report) -> str:
         name: version for name, version in report.versions.items() if name not in ("python", "nros-conformance")
     }
     names = [f"`{name}` {prose(version)}" for name, version in sorted(packages.items())]
-    return ", ".join(names) or f"nros-conformance {report.tool}"
+    # Of a protocol or a model it is this project's own code that ran; what it names is what it is held to.
+    ours = report.declaration.subject.kind in ("protocol", "model") or not names
+    return ", ".join([f"nros-conformance {report.tool}"] * ours + names)

@@ -19,6 +19,7 @@ _FORBIDDEN = re.compile("[^\\t\\n\\r\\x20-\\ud7ff\\ue000-\\ufffd\\U00010000-\\U0
 _STYLE = (
     "text{font:11px ui-monospace,monospace;fill:#222}.head{font-weight:bold}.time{fill:#666;text-anchor:end}"
     ".lane{stroke:#ccc}.wrong{fill:#b00020}circle{fill:#3465a4}"
+    "@media(prefers-color-scheme:dark){text{fill:#ddd}.time{fill:#999}.lane{stroke:#555}.wrong{fill:#ff6b81}}"
 )
 
 

@@ -16,6 +16,9 @@ from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.suite.schema import KindName, Profile
 
 FORMAT = 1
+NARROWED = "narrowed"
+"""Folder of a results directory: what `folder_for` keeps apart."""
+
 FILE = "report.json"
 
 Status: TypeAlias = Literal["played", "not-applicable", "untested"]
@@ -125,6 +128,8 @@ class Report(_Part, frozen=True, kw_only=True):
     """Of the suites, ``sha256:...``: reports on different suites do not merge."""
     profile: Profile
     partial: bool = False
+    narrowed: bool = False
+    """Of scenarios, suites or requirements that were asked for by name."""
     why_partial: str = ""
     """``12 of 148 scenarios left out``."""
     row: str
@@ -166,8 +171,10 @@ def decode_report(data: bytes, file: Path | str) -> Report:
     """A report from its text. Raises `ReportError`, which names ``file``."""
     try:
         head = msgspec.json.decode(data, type=_Head)
-    except msgspec.DecodeError:
+    except msgspec.ValidationError:
         raise ReportError(f"{file}: not a report of nros-conformance") from None
+    except msgspec.DecodeError:
+        raise ReportError(f"{file}: not a report of nros-conformance, or cut short; run again") from None
     if head.format != FORMAT:
         raise ReportError(
             f"{file}: report format {head.format}, written by nros-conformance {head.tool}; "
@@ -195,7 +202,39 @@ def read_reports(directory: Path) -> tuple[Report, ...]:
     files = sorted(directory.glob(f"*/{FILE}"))
     if not files:
         raise ReportError(f"{directory}: no reports here; run: nros-conformance run")
-    return tuple(read_report(file) for file in files)
+    reports: dict[str, tuple[Path, Report]] = {}
+    for file in files:
+        report = read_report(file)
+        if report.row in reports:
+            raise ReportError(f"two reports on {report.row}: {reports[report.row][0]} and {file}; remove one of them")
+        reports[report.row] = file, report
+    return tuple(report for _, report in reports.values())
+
+
+def folder_for(directory: Path, row: str, *, narrowed: bool) -> Path:
+    """The results directory for a run of this row: a narrowed run does not replace the results of a whole one."""
+    if not narrowed:
+        return directory
+    try:
+        kept = not read_report(directory / row).narrowed
+    except ReportError:
+        kept = False
+    return directory / NARROWED if kept else directory
+
+
+def read_latest(directory: Path) -> tuple[tuple[Path, Report], ...]:
+    """All reports with the results directory each stands in; those of narrowed runs first, if they are the later ones.
+
+    Raises `ReportError`, also when there is none.
+    """
+    whole = [(directory, report) for report in read_reports(directory)]
+    narrowed = directory / NARROWED
+    later = []
+    for _, report in whole:
+        file = narrowed / report.row / FILE
+        if file.is_file() and file.stat().st_mtime_ns > (directory / report.row / FILE).stat().st_mtime_ns:
+            later.append((narrowed, read_report(file)))
+    return (*later, *whole)
 
 
 def write_report(directory: Path, report: Report) -> Path:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
 from nros_conformance.report.columns import Column
 from nros_conformance.report.evidence import evidence
-from nros_conformance.report.results import Control, Report, ScenarioResult
+from nros_conformance.report.results import NARROWED, Control, Report, ScenarioResult, Status
 from nros_conformance.report.table import Row, Table, assemble
 from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.rmw.events import EventKind
@@ -29,6 +29,10 @@ _NAME = 8
 
 _SHOWN = 2
 """Scenarios that are named when many were not played for one reason."""
+
+
+_LISTED = 12
+"""Scenarios that passed are listed up to so many."""
 
 
 class _Suites(Protocol):
@@ -64,19 +68,31 @@ def row_line(
     return f"{row:<{max(width, _NAME)}} {parts:<58} {apply} apply, {chosen - apply} do not"
 
 
-def closing(reports: Sequence[Report], levels: Mapping[str, str], results: Path, selection: _Selection) -> str:
-    """Everything after the last scenario."""
+def closing(
+    reports: Sequence[Report], levels: Mapping[str, str], results: Path, selection: _Selection,
+    apart: Collection[str] = (), options: str = "",
+) -> str:  # fmt: skip
+    """Everything after the last scenario.
+
+    ``apart``: rows whose results do not replace those of a whole run. ``options``: of the command, to be
+    repeated in its hints.
+    """
     available = [report for report in reports if report.available]
     lines = ["", *_counts(available)] if available else []
-    if any(not report.declaration.control for report in available):  # the control has no cells
+    # The control has no cells, and a few scenarios decide none.
+    if any(not report.declaration.control for report in available) and not selection.narrowed:
         lines += ["", *_cells(available, levels)]
     lines.append("")
     for report in reports:
-        lines += _remarks(report, levels)
-    lines.append(f"written  {results}/   " + ", ".join(f"{report.row}/report.json" for report in reports))
+        if selection.narrowed and report.available:
+            lines += _named(report)
+        lines += _remarks(report, levels, gaps=not selection.narrowed)
+    files = (f"{NARROWED}/{report.row}" if report.row in apart else report.row for report in reports)
+    lines.append(f"written  {results}/   " + ", ".join(f"{file}/report.json" for file in files))
+    lines += [f"kept     {results}/{row}: the results of the last whole run" for row in apart]
     lines += [f"partial  {report.row}: {report.why_partial}" for report in reports if report.partial]
     if not selection.narrowed and selection.profile != "publish":
-        lines.append("next     nros-conformance matrix   (a published matrix needs --profile publish)")
+        lines.append(f"next     nros-conformance matrix{options}   (a published matrix needs --profile publish)")
     return "\n".join(lines)
 
 
@@ -107,10 +123,17 @@ def meaning(code: int, reports: Sequence[Report]) -> str:
         2: ": interrupted; what was judged is kept",
         3: ": the harness itself failed",
         4: ": something given cannot be used",
-        5: ": a named backend is not available, or nothing was judged",
+        5: ": no scenario that was selected applies"
+        if _nothing_applied(reports)
+        else ": a named backend is not available, or nothing was judged",
         8: ": more scenarios stayed unclear than --max-unclear allows",
     }
     return texts.get(code, "")
+
+
+def _nothing_applied(reports: Sequence[Report]) -> bool:
+    results = [result for report in reports for result in report.results]
+    return bool(results) and all(result.status == "not-applicable" for result in results)
 
 
 def _counts(reports: Sequence[Report]) -> list[str]:
@@ -166,7 +189,7 @@ def _widths(column: Column) -> Iterator[int]:
     return (len(text) + 2 for text in _head(column))
 
 
-def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
+def _remarks(report: Report, levels: Mapping[str, str], *, gaps: bool = True) -> list[str]:
     if not report.available:
         return [f"missing  {report.row}: {report.unavailable_reason}; install it: {report.declaration.subject.install}"]
     claimed = sum(claim != "no" for claim in report.declaration.claims().values())
@@ -181,7 +204,7 @@ def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
             lines += [
                 f"warn     {report.row} {result.key}: {text}" for text in (result.last.warnings if result.last else ())
             ]
-    lines += _untested(report)
+    lines += _left_out(report, "untested", "untested")
     lines += [f"differs  {difference.text}" for difference in report.differences]
     for incident in report.incidents:
         again = "" if incident.reproduced else "; not reproduced when each was played alone"
@@ -190,23 +213,31 @@ def _remarks(report: Report, levels: Mapping[str, str]) -> list[str]:
         )
     unexercised = [one.requirement for one in evidence(report, levels).values() if one.applies and not one.exercised]
     musts = [id_ for id_ in unexercised if levels[id_] == "must"]
-    if musts:
+    if musts and gaps:
         number = "1 must that applies was" if len(musts) == 1 else f"{len(musts)} musts that apply were"
         lines.append(f"gaps     {report.row}: {number} not exercised: {_shorten(musts)}")
     return lines
 
 
-def _untested(report: Report) -> Iterator[str]:
+def _named(report: Report) -> Iterator[str]:
+    """Of scenarios that were asked for: each that passed, and why others do not apply."""
+    passed = [result for result in report.results if result.verdict == "pass"]
+    if len(passed) <= _LISTED:
+        yield from (f"pass     {report.row} {result.key}   {', '.join(result.proves)}" for result in passed)
+    yield from _left_out(report, "not-applicable", "n/a")
+
+
+def _left_out(report: Report, status: Status, word: str) -> Iterator[str]:
     """One line per reason; each scenario with its reason stands in the report, and `explain` shows it."""
     reasons: dict[str, list[str]] = {}
     for result in report.results:
-        if result.status == "untested":
+        if result.status == status:
             reasons.setdefault(result.reason, []).append(result.id)
     for reason, ids in reasons.items():
         number = "1 scenario" if len(ids) == 1 else f"{len(ids)} scenarios"
         names = list(dict.fromkeys(ids))
         shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-        yield f"untested {report.row}: {number}, {reason} ({shown})"
+        yield f"{word:<8} {report.row}: {number}, {reason} ({shown})"
 
 
 def _shorten(ids: Sequence[str]) -> str:

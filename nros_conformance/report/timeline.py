@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Iterator, Mapping
 
 from nros_conformance.judge.results import Finding
@@ -27,6 +28,8 @@ from nros_conformance.trace.records import (
     Trace,
 )
 
+_WAITED = "waited for a core"
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Row:
@@ -43,12 +46,13 @@ def timeline(trace: Trace, findings: Iterable[Finding] = ()) -> list[Row]:
 
     Calls that waited in quiet drive_io loops are summed up: a row per stretch between other rows.
     """
-    rows = sorted((row for record in _condensed(trace.records) for row in _rows(record)), key=lambda row: row.t)
+    told = ((row, record) for record in _condensed(trace.records) for row in _rows(record))
+    rows = list(_waits_together(sorted(told, key=lambda one: one[0].t)))
     for finding in findings:
         if finding.at is None or not rows:
             continue
         at = finding.at
-        nearest = min(range(len(rows)), key=lambda index: abs(rows[index].t - at))
+        nearest = min(range(len(rows)), key=lambda index: (_WAITED in rows[index].what, abs(rows[index].t - at)))
         remark = {"fail": "<- fails here", "unclear": "<- unclear here"}.get(finding.outcome, "")
         rows[nearest] = dataclasses.replace(rows[nearest], remark=remark)
     return rows
@@ -72,6 +76,20 @@ def _condensed(records: Iterable[AnyRecord]) -> Iterator[AnyRecord]:
         if isinstance(record, Spin) and (record.callbacks or record.calls == 1) and record.end in calls:
             continue
         yield record
+
+
+def _waits_together(told: Iterable[tuple[Row, AnyRecord]]) -> Iterator[Row]:
+    """Waits for a core, one after the other, as one row: on a busy host there are ten a second."""
+    for waits, group in itertools.groupby(told, key=lambda one: isinstance(one[1], Starved)):
+        pairs = list(group)
+        if not waits or len(pairs) == 1:
+            yield from (row for row, _ in pairs)
+            continue
+        longest = max(record.wait for _, record in pairs if isinstance(record, Starved))
+        first, last = pairs[0][0], pairs[-1][0]
+        who = first.who if len({row.who for row, _ in pairs}) == 1 else "host"
+        text = f"threads have {_WAITED}, {_ms(longest)} at the longest, until {_ms(last.t - first.t)} later"
+        yield Row(first.t, who, text)
 
 
 def _rows(record: AnyRecord) -> Iterator[Row]:
@@ -113,7 +131,7 @@ def _rows(record: AnyRecord) -> Iterator[Row]:
         case Blind():
             yield Row(record.begin, record.session, f"nothing could be observed for {_ms(record.end - record.begin)}")
         case Starved():
-            yield Row(record.end, record.session or "host", f"a thread has waited {_ms(record.wait)} for a core")
+            yield Row(record.end, record.session or "host", f"a thread has {_WAITED}, {_ms(record.wait)}")
         case Cycles():
             yield Row(
                 record.begin, record.label, f"{record.times} cycles, until {_ms(record.end - record.begin)} later"
@@ -143,7 +161,7 @@ def _answer(act: Act) -> str:
     if isinstance(result, bool):
         return str(result).lower()
     if isinstance(result, int):
-        return f"{result} samples" if act.op == "take" and result >= 0 else code_name(result)
+        return f"{result} sample{'' if result == 1 else 's'}" if act.op == "take" and result >= 0 else code_name(result)
     return "done"
 
 

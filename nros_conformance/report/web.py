@@ -58,6 +58,9 @@ _MARKUP = re.compile(
 )
 _SAFE = ("https://", "http://", "#")
 
+_FIRST = 6
+"""Scenarios that are shown at once."""
+
 
 def page(
     reports: Iterable[Report], requirements: Mapping[str, str], *, statements: Mapping[str, str] | None = None,
@@ -198,12 +201,21 @@ def _rule(one: Evidence, row: Row, statements: Mapping[str, str]) -> str:
     statement = statements.get(one.requirement, "")
     text = f'<span class="statement">{escape(statement)}</span>' if statement else ""
     shown_by = one.scenarios("fail") if one.broken else one.scenarios("pass", "unclear") if one.applies else ()
-    shown = " ".join(f"<code>{escape(key)}</code>" for key in shown_by) or markup(one.reason)
+    shown = _keys(shown_by) or markup(one.reason)
     keys = _key_links(row.keys.violations.get(one.requirement, ()) if one.broken else ())
     return (
         f'<tr class="{one.standing}"><th scope="row">{one.requirement}{text}</th>'
         f'<td><span class="standing">{_STANDINGS[one.standing]}</span>{keys}</td><td>{shown}</td></tr>'
     )
+
+
+def _keys(scenarios: Sequence[str]) -> str:
+    """The first scenarios, and the others behind a mark: a base rule is shown by hundreds."""
+    codes = [f"<code>{escape(key)}</code>" for key in scenarios]
+    first, others = " ".join(codes[:_FIRST]), " ".join(codes[_FIRST:])
+    if not others:
+        return first
+    return f'{first} <details class="more"><summary>and {len(codes) - _FIRST} more</summary>{others}</details>'
 
 
 def _notes(table: Table) -> Iterator[str]:

@@ -258,6 +258,10 @@ class Backend(abc.ABC):
         """
         return ReturnCode.UNSUPPORTED
 
+    def lacking(self) -> Mapping[str, str]:
+        """Faults that are declared, but cannot be injected with the options of `host`, and why: one line each."""
+        return {}
+
     def versions(self) -> Mapping[str, str]:
         """Name and version of the middleware packages in use, for the report."""
         return {}

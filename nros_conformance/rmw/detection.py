@@ -7,13 +7,17 @@ has changed since the last one, so that several occurrences coalesce into one ca
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Hashable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from nros_conformance.rmw.clock import NEVER
 from nros_conformance.rmw.events import CountStatus, EventStatus, LivelinessChangedStatus
 
 U16, U32 = 2**16, 2**32
+
+_GAPS = 64
+"""Gaps of a publisher that late samples may fill; older ones stay losses."""
 
 
 class Source(Protocol):
@@ -35,6 +39,8 @@ class CountTracker:
 
     def __init__(self) -> None:
         self.total = 0
+        self.reports = 0
+        """How often `take` has reported something."""
         self._reported = 0
         self._since: int | None = None
 
@@ -45,6 +51,12 @@ class CountTracker:
         self.total += count
         if self._since is None:
             self._since = at_ns
+
+    def retract(self, count: int) -> None:
+        """Take back ``count`` occurrences that have not been reported; what was reported stays (CNT-001)."""
+        self.total -= min(count, self.total - self._reported)
+        if self.total == self._reported:
+            self._since = None
 
     def preset(self, total: int) -> None:
         """The fault ``preset``: a total as if so much had been counted; what is pending stays pending."""
@@ -58,6 +70,7 @@ class CountTracker:
         if self._since is None:
             return None
         change, self._reported, self._since = self.total - self._reported, self.total, None
+        self.reports += 1
         return CountStatus(min(self.total, U32 - 1), min(change, U32 - 1))
 
 
@@ -98,31 +111,62 @@ class DeadlineClock:
         return self._anchor + (self._counted + 1) * self.period_ns
 
 
+class _Gap(NamedTuple):
+    """Samples counted as lost, as long as `CountTracker.reports` stays the same."""
+
+    first: int
+    length: int
+    reports: int
+
+
 class GapTracker:
     """Samples lost between delivered ones, by per-publisher sequence number (MSL-003).
 
-    The first sample of a publisher synchronises; duplicates and reordering are not loss (MSL-004):
-    a sample that fills a gap after all is taken back as long as its loss was not reported.
+    The first sample of a publisher synchronises; duplicates and reordering are not loss (MSL-004): the loss of a
+    sample that comes after all is taken back as long as it was not reported. Reported it stays, since totals
+    never decrease (CNT-001); where samples are often overtaken, hold gaps back for a while before counting them.
     """
 
     def __init__(self, modulus: int = U32) -> None:
         self.losses = CountTracker()
         self._modulus = modulus
         self._last: dict[Hashable, int] = {}
+        self._gaps: dict[Hashable, deque[_Gap]] = {}
 
     def sample(self, publisher: Hashable, sequence: int, at_ns: int) -> int:
-        """Note a received sample; returns how many before it were found lost."""
+        """Note a received sample; by how much it changes what is lost: -1 when it was counted and comes after all."""
         last = self._last.get(publisher)
         step = 1 if last is None else (sequence - last) % self._modulus
-        if step == 0 or step > self._modulus // 2:
-            return 0  # a duplicate, or an older one
+        if step == 0:
+            return 0  # a duplicate
+        if step > self._modulus // 2:
+            return -self._fill(publisher, sequence)
         self._last[publisher] = sequence
-        self.losses.add(step - 1, at_ns)
+        if step > 1:
+            gaps = self._gaps.setdefault(publisher, deque(maxlen=_GAPS))
+            gaps.append(_Gap((sequence - step + 1) % self._modulus, step - 1, self.losses.reports))
+            self.losses.add(step - 1, at_ns)
         return step - 1
 
     def forget(self, publisher: Hashable) -> None:
-        """The publisher is gone or has restarted: its next sample synchronises again."""
+        """The publisher is gone or has restarted: its next sample synchronises again, what is lost stays lost."""
         self._last.pop(publisher, None)
+        self._gaps.pop(publisher, None)
+
+    def _fill(self, publisher: Hashable, sequence: int) -> int:
+        """1 when this older sample was counted as lost and not reported yet."""
+        gaps = self._gaps.get(publisher, ())
+        for index, gap in enumerate(gaps):
+            offset = (sequence - gap.first) % self._modulus
+            if offset < gap.length and gap.reports == self.losses.reports:
+                self.losses.retract(1)
+                rest = _Gap((sequence + 1) % self._modulus, gap.length - offset - 1, gap.reports)
+                parts = [part for part in (gap._replace(length=offset), rest) if part.length]
+                kept = [*gaps]
+                kept[index : index + 1] = parts
+                self._gaps[publisher] = deque(kept, maxlen=_GAPS)
+                return 1
+        return 0
 
 
 def _i16(change: int) -> int:

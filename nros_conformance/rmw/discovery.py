@@ -11,7 +11,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import cast
 
@@ -79,9 +79,16 @@ class Found:
 
     def versions(self, host: Host) -> Mapping[str, str]:
         """What a fresh adapter says was tested. Raises ImportError and `FormatError` as `load`, `RmwError` as it is."""
+        return self._ask(host, lambda backend: backend.versions())
+
+    def lacking(self, host: Host) -> Mapping[str, str]:
+        """The faults that a fresh adapter cannot inject with its options, and why. Raises as `versions`."""
+        return self._ask(host, lambda backend: backend.lacking())
+
+    def _ask(self, host: Host, question: Callable[[Backend], Mapping[str, str]]) -> Mapping[str, str]:
         adapter = self.load()
         try:
-            return adapter(host).versions()
+            return question(adapter(host))
         except RmwError:
             raise
         except Exception as error:

@@ -74,24 +74,21 @@ class _Registration:
 class EventRegistry:
     """The event half of one entity: what it supports, who is registered, what is ready.
 
-    ``sources`` are the supported kinds. A deadline kind may have the value None: its source is made
-    when it is registered, by ``deadline`` from the period in milliseconds, because a period given
-    only at registration is known only then.
+    ``sources`` are the supported kinds. For a deadline it checks that there is a period; whoever has the clock
+    applies it, as `ends.ClockedEnd` does.
     """
 
     def __init__(
         self,
         queue: ReadyQueue,
-        sources: Mapping[EventKind, Source | None],
+        sources: Mapping[EventKind, Source],
         *,
         qos_deadline_ms: int = 0,
-        deadline: Callable[[EventKind, int], Source] | None = None,
         has_data: Callable[[], bool] = lambda: True,
     ) -> None:
         self._queue = queue
         self._sources = dict(sources)
         self._qos_deadline_ms = qos_deadline_ms
-        self._deadline = deadline
         self._has_data = has_data
         self._registered: dict[EventKind, _Registration] = {}
         self._message: tuple[MessageCallback, object] | None = None
@@ -114,9 +111,6 @@ class EventRegistry:
             period_ms = self._qos_deadline_ms if is_finite(self._qos_deadline_ms) else deadline_ms
             if not is_finite(period_ms):
                 return ReturnCode.INCOMPATIBLE_QOS
-            if self._sources[known] is None:
-                assert self._deadline is not None
-                self._sources[known] = self._deadline(known, period_ms)
         self._registered[known] = _Registration(callback, context)
         return ReturnCode.OK
 
@@ -139,11 +133,8 @@ class EventRegistry:
     def poll(self) -> None:
         """Queue a callback for every registered kind whose source has something to report."""
         for kind, registration in self._registered.items():
-            source = self._sources[kind]
-            if registration.queued or source is None:
-                continue
-            ready_ns = source.ready_ns
-            if ready_ns is not None:
+            ready_ns = self._sources[kind].ready_ns
+            if ready_ns is not None and not registration.queued:
                 registration.queued = True
                 self._queue.push(ready_ns, lambda kind=kind: self._call_event(kind))  # type: ignore[misc]
 
@@ -155,11 +146,10 @@ class EventRegistry:
 
     def _call_event(self, kind: EventKind) -> bool:
         registration = self._registered.get(kind)
-        source = self._sources[kind]
-        if registration is None or source is None:
+        if registration is None:
             return False
         registration.queued = False
-        status = source.take()
+        status = self._sources[kind].take()
         if status is None:
             return False
         registration.callback(int(kind), status, registration.context)

@@ -21,7 +21,8 @@ class ClockedEnd(Entity, abc.ABC):
     adapter starts it with `_time`, or when a registration states a deadline that the QoS does not.
     """
 
-    missed_kind: EventKind
+    missed_kind: EventKind | None
+    """Which kind ``missed`` is; None for an end that has none."""
 
     def __init__(
         self, clock: Clock, queue: ReadyQueue, topic: str, type_name: str, qos: QosProfile,
@@ -31,7 +32,9 @@ class ClockedEnd(Entity, abc.ABC):
         self.type_name = type_name
         self.qos = qos
         self.missed = CountTracker()
-        self.sources: dict[EventKind, Source] = {**sources, self.missed_kind: self.missed}
+        self.sources: dict[EventKind, Source] = dict(sources)
+        if self.missed_kind is not None:
+            self.sources[self.missed_kind] = self.missed
         self.registry = EventRegistry(queue, self.sources, qos_deadline_ms=qos.deadline_ms)
         self.deadline: DeadlineClock | None = None
         self.last_ns: int | None = None
@@ -47,7 +50,11 @@ class ClockedEnd(Entity, abc.ABC):
         return self.registry.supports(kind)
 
     def register_event(self, kind: int, deadline_ms: int, callback: EventCallback | None, context: object) -> int:
-        """As the contract says; an adapter with threads calls it under the lock that guards its events."""
+        """As the contract says; an adapter with threads calls it under the lock that guards its events.
+
+        The period of a later registration replaces that of an earlier one, as its callback does (REG-007); the
+        total goes on (CNT-001).
+        """
         if not isinstance(deadline_ms, int) or not 0 <= deadline_ms <= INFINITE_MS:
             return ReturnCode.INVALID_ARGUMENT
         code = self.registry.register(kind, deadline_ms, callback, context)

@@ -17,16 +17,17 @@ import dataclasses
 import re
 import threading
 from collections import deque
-from collections.abc import Collection, Hashable, Iterator
+from collections.abc import Collection, Hashable
 from typing import TypeVar
 
-from nros_conformance.rmw.backend import Entity, MessageCallback, Publisher, Session, Subscription
+from nros_conformance.rmw.backend import MessageCallback, Publisher, Session, Subscription
 from nros_conformance.rmw.clock import MS, NEVER, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
-from nros_conformance.rmw.detection import DeadlineClock, GapTracker, LivelinessTally, Source
-from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
+from nros_conformance.rmw.detection import GapTracker, LivelinessTally, Source
+from nros_conformance.rmw.dispatch import ReadyQueue
 from nros_conformance.rmw.driving import Driving
-from nros_conformance.rmw.events import EventCallback, EventKind
+from nros_conformance.rmw.ends import ClockedEnd
+from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import QosProfile, is_finite
 from nros_conformance.rmw.receive_queue import ReceiveQueue
 
@@ -93,7 +94,7 @@ class QueuedSession(Session):
             # The last look comes after the last wait: what fell due meanwhile belongs to this call (DSP-007).
             if self.ready.drain(max_callbacks) or woken or self.clock.now_ns() >= until_ns:
                 return
-            due_ns = min((entity.next_due_ns for entity in self.entities), default=NEVER)
+            due_ns = min((entity.next_due_ns() for entity in self.entities), default=NEVER)
             self.clock.wait(self.wake, min(until_ns, due_ns))
 
     def _entered(self, entity: _Q) -> _Q:
@@ -115,41 +116,26 @@ class QueuedSession(Session):
         return dataclasses.replace(qos, depth=max(qos.depth, 1))
 
 
-class _QueuedEntity(Entity):
-    """What both ends share: a registry over the sources of its events."""
+class _QueuedEntity(ClockedEnd):
+    """What both ends share: the sources of the events that it supports, and its place in the session."""
 
     events: Collection[EventKind] = ()
     """The kinds that it supports."""
 
     def __init__(self, session: QueuedSession, topic: str, type_name: str, qos: QosProfile) -> None:
         self.session = session
-        self.topic = topic
-        self.type_name = type_name
-        self.qos = qos
-        self._deadline: DeadlineClock | None = None
-        self.registry = EventRegistry(
-            session.ready, dict(self._sources()), qos_deadline_ms=qos.deadline_ms, deadline=self._clocked
-        )
-
-    @property
-    def next_due_ns(self) -> int:
-        """When something falls due by itself; the session waits no longer."""
-        return NEVER if self._deadline is None else self._deadline.next_due_ns
+        self.missed_kind = next((kind for kind in self.events if kind.is_deadline), None)
+        sources = {kind: self.source(kind) for kind in self.events if not kind.is_deadline}
+        super().__init__(session.clock, session.ready, topic, type_name, qos, sources)
+        if qos.has_deadline and self.missed_kind is not None:
+            self._time(qos.deadline_ms * MS)
 
     def look(self) -> None:
         """On the session's thread: let time pass, and queue the callbacks of what became ready."""
-        if self._deadline is not None:
-            self._deadline.update(self.session.clock.now_ns())
-        self.registry.poll()
-
-    def supports_event(self, kind: int) -> bool:
-        return self.registry.supports(kind)
-
-    def register_event(self, kind: int, deadline_ms: int, callback: EventCallback | None, context: object) -> int:
-        return self.registry.register(kind, deadline_ms, callback, context)
+        self.poll(self.session.clock.now_ns())
 
     def destroy(self) -> int:
-        if not self.registry.closed:
+        if not self.closed:
             self.registry.close()
             self.session.entities.pop(self, None)
             self.leave()
@@ -165,19 +151,6 @@ class _QueuedEntity(Entity):
         """The source of an event that is neither a deadline nor otherwise known here."""
         raise NotImplementedError(f"{type(self).__name__} has no source of {kind.label}")
 
-    def _sources(self) -> Iterator[tuple[EventKind, Source | None]]:
-        for kind in self.events:
-            if not kind.is_deadline:
-                yield kind, self.source(kind)
-            elif self.qos.has_deadline:
-                yield kind, self._clocked(kind, self.qos.deadline_ms)
-            else:
-                yield kind, None
-
-    def _clocked(self, kind: EventKind, deadline_ms: int) -> Source:
-        self._deadline = DeadlineClock(deadline_ms * MS)
-        return self._deadline.misses
-
 
 class QueuedPublisher(_QueuedEntity, Publisher):
     """The sending end. An adapter writes `send`. Of the events, OfferedDeadlineMissed needs nothing else."""
@@ -187,15 +160,15 @@ class QueuedPublisher(_QueuedEntity, Publisher):
         """Hand one sample to the middleware: OK or a negative code."""
 
     def publish_raw(self, data: bytes) -> int:
-        if self.registry.closed or not isinstance(data, bytes | bytearray | memoryview):
+        if self.closed or not isinstance(data, bytes | bytearray | memoryview):
             return ReturnCode.INVALID_ARGUMENT
         code = self.send(bytes(data))
-        if code == ReturnCode.OK and self._deadline is not None:
-            self._deadline.restart(self.session.clock.now_ns())  # only a success begins the period anew (ODM-004)
+        if code == ReturnCode.OK:
+            self.moved(self.session.clock.now_ns())  # only a success begins the period anew (ODM-004)
         return code
 
     def assert_liveliness(self) -> int:
-        return ReturnCode.INVALID_ARGUMENT if self.registry.closed else super().assert_liveliness()
+        return ReturnCode.INVALID_ARGUMENT if self.closed else super().assert_liveliness()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -223,7 +196,10 @@ class QueuedSubscription(_QueuedEntity, Subscription):
         self._waiting = ReceiveQueue(qos, self.registry, session.clock)
 
     def received(self, data: bytes, publisher: Hashable = None, sequence: int | None = None) -> None:
-        """A sample has arrived. ``sequence`` numbers the samples of a ``publisher``, modulo 2**32."""
+        """A sample has arrived. ``sequence`` numbers the samples of a ``publisher``, modulo 2**32.
+
+        What is missing counts as lost; one that was overtaken is taken back, unless it was reported meanwhile.
+        """
         with self._lock:  # the stamp and the queue together, or a look in between would miss what it is due
             self._arrivals.append(_Arrival(self.session.clock.now_ns(), data, publisher, sequence))
         self.session.wake.set()
@@ -249,9 +225,7 @@ class QueuedSubscription(_QueuedEntity, Subscription):
             self._arrived(arrival)
         for at_ns, alive, not_alive in living:
             self.tally.set(alive, not_alive, at_ns)
-        if self._deadline is not None:
-            self._deadline.update(now_ns)
-        self.registry.poll()
+        self.poll(now_ns)
 
     def has_data(self) -> bool | int:
         self.look()
@@ -270,8 +244,7 @@ class QueuedSubscription(_QueuedEntity, Subscription):
         return code
 
     def _arrived(self, arrival: _Arrival) -> None:
-        if self._deadline is not None:
-            self._deadline.restart(arrival.at_ns)
+        self.moved(arrival.at_ns)
         if arrival.sequence is not None:
             self.losses.sample(arrival.publisher, arrival.sequence, arrival.at_ns)
         self._lost(self._waiting.put(arrival.data, arrival.at_ns), arrival.at_ns)

@@ -252,16 +252,18 @@ def _default(field: msgspec.inspect.Field) -> _Json:
 def _field_docs() -> dict[tuple[str, str], str]:
     """(class, field) -> the string that stands below the field."""
     docs: dict[tuple[str, str], str] = {}
-    for class_ in ast.parse(inspect.getsource(schema)).body:
-        body = class_.body if isinstance(class_, ast.ClassDef) else []
-        for field, below in itertools.pairwise(body):
-            match field, below:
-                case (
-                    ast.AnnAssign(target=ast.Name(id=name)),
-                    ast.Expr(value=ast.Constant(value=str(doc))),
-                ):
-                    assert isinstance(class_, ast.ClassDef)
-                    docs[class_.name, name] = doc
+    structs = [one for one in vars(schema).values() if isinstance(one, type) and issubclass(one, schema.Base)]
+    for module in {sys.modules[struct.__module__] for struct in structs}:
+        for class_ in ast.parse(inspect.getsource(module)).body:
+            body = class_.body if isinstance(class_, ast.ClassDef) else []
+            for field, below in itertools.pairwise(body):
+                match field, below:
+                    case (
+                        ast.AnnAssign(target=ast.Name(id=name)),
+                        ast.Expr(value=ast.Constant(value=str(doc))),
+                    ):
+                        assert isinstance(class_, ast.ClassDef)
+                        docs[class_.name, name] = doc
     return docs
 
 

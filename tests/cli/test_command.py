@@ -208,6 +208,20 @@ def test_the_table_is_copied_into_a_readme_between_its_markers(results: Path, tm
     assert main([*arguments, "--check"]) == 0
 
 
+def test_badges_are_written_and_checked_with_the_matrix(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    badges = tmp_path / "badges"
+    arguments = ["matrix", "--results", str(results), "--output", str(tmp_path / "matrix.md"), "--badges", str(badges)]
+    assert main(arguments) == 0
+    assert capsys.readouterr().out.endswith(f"written  {badges}/   uorb.svg\n")
+    assert {file.name for file in badges.iterdir()} == {"uorb.json", "uorb.svg"}
+    assert main([*arguments, "--check"]) == 0
+    (badges / "uorb.svg").unlink()
+    assert main([*arguments, "--check"]) == 1
+    assert f"{badges}/uorb.svg: there is no such badge\n" in capsys.readouterr().out
+
+
 def test_explain_shows_requirement_script_timeline_and_judgement(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from nros_conformance.cli.main import _parser
+from nros_conformance.cli.matrix import _with_table
+from nros_conformance.report.badges import stale
 from nros_conformance.report.handbook import COMMAND, pages
 from nros_conformance.suite import schema
 
@@ -54,3 +56,21 @@ def test_every_command_is_in_the_readme_and_has_one_line_of_help(monkeypatch: py
 def test_the_page_of_the_suite_format_names_every_construct(what: str) -> None:
     words = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")))
     assert not set(getattr(schema, what)) - words
+
+
+def test_the_readme_and_the_badges_say_what_the_matrix_says() -> None:
+    matrix, readme = ((ROOT / name).read_text(encoding="utf-8") for name in ("matrix.md", "README.md"))
+    again = "write them again: nros-conformance matrix --readme README.md --badges badges"
+    assert _with_table(ROOT / "README.md", readme, matrix) == readme, again
+    assert list(stale(ROOT / "badges", matrix)) == [], again
+
+
+def test_every_section_of_the_decisions_is_there_once_and_in_the_list_at_the_top() -> None:
+    text = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    sections = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    listed = re.findall(r"\[([^\]]+)\]\(#([^)]+)\)", text.partition("\n## ")[0])
+    assert [title for title, _ in listed] == sections
+    assert len(set(sections)) == len(sections)
+    assert all(re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") == anchor for title, anchor in listed)
+    entries = re.findall(r"^- .*(?:\n  .*)*", text, re.MULTILINE)
+    assert len(set(entries)) == len(entries)

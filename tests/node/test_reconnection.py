@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from datetime import timedelta
 
@@ -86,6 +87,25 @@ def test_a_peer_that_does_not_answer_is_asked_at_the_pace_of_waiting(around: Sur
         assert around.machine.step(10) is WAITING
     assert around.asked == [("probe 100 x 2", at) for at in (0, 300, 600)]
     assert around.told == []
+
+
+@pytest.mark.parametrize("since_ms", [2**31, 2**32])
+def test_an_hour_without_a_peer_changes_no_pace_nor_does_a_clock_beyond_32_bits(
+    around: Surroundings, since_ms: int
+) -> None:
+    around.clock.wait(None, (since_ms - 1_800_000) * MS)  # half an hour before it wraps where it is a u32
+    around.asked.clear()
+    around.probe_code = ReturnCode.TIMEOUT
+    while around.clock.now_ns() < (since_ms + 1_800_000) * MS:
+        around.machine.step(1_000)
+    asked = [at for _, at in around.asked]
+    assert len(asked) >= 12_000
+    assert {later - at for at, later in itertools.pairwise(asked)} == {300}
+    around.probe_code = ReturnCode.OK
+    while around.machine.state is WAITING:
+        around.machine.step(1_000)
+    assert around.machine.step() is CONNECTED
+    assert around.asked[-2][1] - asked[-1] == 300
 
 
 def test_where_nothing_can_be_asked_before_a_session_creating_is_the_probe(around: Surroundings) -> None:

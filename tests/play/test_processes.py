@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from nros_conformance.play import remote
 from nros_conformance.play.faketime import NoFaketime, find_faketime, lacking, preload
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play as play_on
@@ -156,6 +157,31 @@ def test_the_wall_clock_is_stepped_there_and_nowhere_else(tmp_path: Path) -> Non
     assert answers == [False, True, False, False]
     times = [one.begin for one in of(records, Act) if one.session == "far"]
     assert times == sorted(times)  # the monotonic clock is left alone
+
+
+@needs_faketime
+def test_a_process_that_is_long_in_starting_is_no_backend_that_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = tmp_path / "python"
+    slow.write_text(f'#!/bin/sh\nsleep 1.5\nexec {sys.executable} "$@"\n')
+    slow.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(slow))
+    step = {"fault": "clock_step", "of": "far", "by": "1h"}
+    records = play(tmp_path, [{"drive": "1T"}, step, {"do": "publish", "by": "talker"}], hang_ns=1_000 * MS)
+    assert ended(records) == ("done", "")
+
+
+@needs_faketime
+def test_a_process_that_does_not_start_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "_START_NS", 100 * MS)
+    slow = tmp_path / "python"
+    slow.write_text("#!/bin/sh\nexec sleep 60\n")
+    slow.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(slow))
+    step = {"fault": "clock_step", "of": "far", "by": "1h"}
+    records = play(tmp_path, [{"drive": "1T"}, step])
+    assert ended(records) == ("error", "the process of session far has not started within 0.1 s")
 
 
 def test_without_the_library_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

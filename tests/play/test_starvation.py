@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from nros_conformance.play.starvation import Watch
-from nros_conformance.rmw.clock import MS
+from nros_conformance.play.starvation import Watch, wait_patiently
+from nros_conformance.rmw.clock import MS, MonotonicClock, VirtualClock
 from nros_conformance.trace.records import Starved
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="only Linux tells how long threads wait")
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="on
 
 def schedstat(monkeypatch: pytest.MonkeyPatch, *looks: dict[str, int]) -> None:
     following = iter(looks)
-    monkeypatch.setattr("nros_conformance.play.starvation._waits", lambda: next(following))
+    monkeypatch.setattr("nros_conformance.play.starvation._waits", lambda process="self": next(following))
 
 
 def test_the_longest_wait_of_one_thread_counts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,3 +64,37 @@ def test_sleeping_is_no_waiting() -> None:
     sleeper.join()
     record = watch.look(0)
     assert record is None or record.wait < 50 * MS
+
+
+def test_what_has_no_core_gets_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nros_conformance.play.starvation._GLANCE_NS", MS)
+    clock, looks = MonotonicClock(), 0
+    done = clock.signal()
+
+    def waits(process: int | str) -> dict[str, int]:
+        nonlocal looks
+        looks += 1
+        if looks == 8:
+            done.set()
+        return {"1": looks * 1_000 * MS if process == 7 else 0}
+
+    monkeypatch.setattr("nros_conformance.play.starvation._waits", waits)
+    assert wait_patiently(clock, done, clock.now_ns() + MS, 60_000 * MS, ["self", 7])
+
+
+@pytest.mark.parametrize(("waited", "patience_ms"), [(0, 60_000), (1_000 * MS, 5)])
+def test_what_has_its_cores_or_had_time_enough_does_not(
+    monkeypatch: pytest.MonkeyPatch, waited: int, patience_ms: int
+) -> None:
+    monkeypatch.setattr("nros_conformance.play.starvation._GLANCE_NS", MS)
+    totals = iter(range(0, 1_000_000 * MS, waited or 1))
+    monkeypatch.setattr("nros_conformance.play.starvation._waits", lambda process: {"1": next(totals)})
+    clock = MonotonicClock()
+    assert not wait_patiently(clock, clock.signal(), clock.now_ns() + MS, patience_ms * MS, ["self"])
+
+
+def test_on_a_virtual_clock_nothing_is_excused() -> None:
+    clock = VirtualClock()
+    limit = clock.now_ns() + 5 * MS
+    assert not clock.run(lambda: wait_patiently(clock, clock.signal(), limit, 60_000 * MS, ["self"]))
+    assert clock.now_ns() == limit

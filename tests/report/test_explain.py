@@ -7,9 +7,19 @@ import pytest
 
 from nros_conformance.cli.main import main
 from nros_conformance.judge.results import Finding, Verdict
-from nros_conformance.report.explain import _finding
+from nros_conformance.report.explain import (
+    _finding,
+    explain_cell,
+    explain_note,
+    explain_requirement,
+    explain_word,
+    script_lines,
+)
 from nros_conformance.report.picture import svg
+from nros_conformance.report.table import assemble
 from nros_conformance.report.timeline import Row
+from nros_conformance.suite.catalogue import Requirement
+from tests.report.build import MSL, REQUIREMENTS, canonical, cyclone, declare, registered, report, uorb
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -56,3 +66,51 @@ def test_explain_draws_the_timeline_of_a_stored_play(tmp_path: Path, capsys: pyt
     assert capsys.readouterr().err == (
         "nros-conformance: a picture is of one scenario: explain [BACKEND] SCENARIO --svg FILE\n"
     )
+
+
+def test_the_steps_of_a_cycle_stand_below_it() -> None:
+    script = {"script": [{"cycle": 5, "as": "loop", "script": [{"do": "publish", "by": "talker"}, "settle"]}]}
+    assert script_lines(script) == ["cycle 5   (loop)", "    publish by talker", "    settle"]
+
+
+TABLE = assemble([uorb(), cyclone()], REQUIREMENTS)
+
+
+def test_a_note_is_explained_with_the_cells_that_lead_to_it() -> None:
+    assert explain_note("U1", TABLE) == (
+        "U1   never: the bus has no liveliness (https://docs.px4.io/main/en/middleware/uorb.html).\n\n"
+        "  cells    uorb/LivelinessChanged, uorb/LivelinessLost"
+    )
+    assert explain_note("U9", TABLE) is None
+
+
+def test_a_word_of_the_legend_names_the_cells_that_say_it() -> None:
+    assert explain_word("deviates", TABLE) == (
+        'deviates   printed as "partly n/m": works, but violates rules: n of the m that apply hold. If\n'
+        "    [[known]] entries cover all of it the run ends with 0, otherwise with 1.\n"
+        "  in these results  cyclone/LivelinessChanged C1, uorb/base !1"
+    )
+    assert explain_word("limited") == (
+        'reduced   printed as "limited": holds inside a limit that the note states.'
+    )  # fmt: skip
+
+
+def test_an_absent_event_shows_what_was_answered_and_that_nothing_fired() -> None:
+    one = report(
+        declare("demo", events={MSL: {"claim": "no", "absent": "not-yet", "because": "no counter"}}),
+        [canonical(MSL)],
+        observations=[registered(2, code=-5), registered(2, code=-5)],
+    )
+    text = explain_cell(one, "MessageLost", assemble([one], REQUIREMENTS)).splitlines()
+    assert "  register   answered UNSUPPORTED, 2 times" in text
+    assert "  fired      nothing, in 1 scenario" in text
+
+
+def test_the_abbreviations_of_a_source_are_expanded() -> None:
+    one = Requirement(id="RDM-001", level="must", group="RDM", statement="It comes.", source="SE, on timers; RV8")
+    text = explain_requirement(one, [], [], {"SE": "nano-ros, status-events.md", "VH": "nano-ros, rmw_vtable.h"})
+    assert text.splitlines()[:3] == [
+        "RDM-001 (must)  It comes.",
+        "  from       SE, on timers; RV8",
+        "             SE: nano-ros, status-events.md",
+    ]

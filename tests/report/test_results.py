@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from datetime import date
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from nros_conformance.report.results import (
     ReportError,
     decode_report,
     encode_report,
+    folder_for,
+    read_latest,
     read_report,
     read_reports,
     same_suites,
@@ -67,13 +70,45 @@ def test_all_reports_of_a_directory_are_read(tmp_path: Path) -> None:
     assert [one.row for one in read_reports(tmp_path)] == ["cyclone", "uorb"]
 
 
-@pytest.mark.parametrize("text", ["", "not json", "[]", '{"tests": 3}', '{"format": "one", "tool": "x"}'])
-def test_what_is_not_a_report_is_refused(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(("text", "why"), [
+    ("", ", or cut short; run again"), ("not json", ", or cut short; run again"),
+    ('{"format": 1, "tool": "0.1.0"', ", or cut short; run again"),
+    ("[]", ""), ('{"tests": 3}', ""), ('{"format": "one", "tool": "x"}', ""),
+])  # fmt: skip
+def test_what_is_not_a_report_is_refused(tmp_path: Path, text: str, why: str) -> None:
     file = tmp_path / "report.json"
     file.write_text(text)
     with pytest.raises(ReportError) as error:
         read_report(file)
-    assert str(error.value) == f"{file}: not a report of nros-conformance"
+    assert str(error.value) == f"{file}: not a report of nros-conformance{why}"
+
+
+def test_two_reports_on_one_row_are_both_named(tmp_path: Path) -> None:
+    write_report(tmp_path, uorb())
+    (tmp_path / "uorb").rename(tmp_path / "old")
+    write_report(tmp_path, uorb())
+    with pytest.raises(ReportError) as error:
+        read_reports(tmp_path)
+    assert str(error.value) == (
+        f"two reports on uorb: {tmp_path}/old/report.json and {tmp_path}/uorb/report.json; remove one of them"
+    )
+
+
+def test_a_narrowed_run_leaves_the_results_of_a_whole_one(tmp_path: Path) -> None:
+    apart = tmp_path / "narrowed"
+    assert folder_for(tmp_path, "demo", narrowed=True) == tmp_path  # there is nothing to leave
+    write_report(tmp_path, report(narrowed=True))
+    assert folder_for(tmp_path, "demo", narrowed=True) == tmp_path  # a narrowed one replaces another
+    whole = report(seconds=2.0)
+    write_report(tmp_path, whole)
+    assert folder_for(tmp_path, "demo", narrowed=True) == apart
+    assert folder_for(tmp_path, "demo", narrowed=False) == tmp_path
+    few = report(narrowed=True)
+    file = write_report(apart, few)
+    assert read_reports(tmp_path) == (whole,)
+    assert read_latest(tmp_path) == ((apart, few), (tmp_path, whole))
+    os.utime(file, ns=(0, 0))
+    assert read_latest(tmp_path) == ((tmp_path, whole),)
 
 
 def test_another_format_is_refused_by_number() -> None:

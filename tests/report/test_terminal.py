@@ -108,6 +108,28 @@ def test_musts_without_evidence_are_counted() -> None:
     ]
 
 
+def test_a_narrowed_run_names_what_passed_and_why_the_rest_does_not_apply_and_has_no_cells() -> None:
+    one = report(results=[
+        result("rdm.recovery[period=1]", "RDM-003", "RDM-004"),
+        result("lvc.comes", status="not-applicable", reason="LivelinessChanged is not claimed"),
+    ])  # fmt: skip
+    narrowed = Selected("standard", narrowed=True)
+    assert closing([one], REQUIREMENTS, Path("results"), narrowed, apart=["demo"]).splitlines()[4:] == [
+        "pass     demo rdm.recovery[period=1]   RDM-003, RDM-004",
+        "n/a      demo: 1 scenario, LivelinessChanged is not claimed (lvc.comes)",
+        "claims   demo: 5 of 5 events claimed",
+        "written  results/   narrowed/demo/report.json",
+        "kept     results/demo: the results of the last whole run",
+    ]
+    many = report(results=[result(f"rdm.recovery[period={number}]") for number in range(13)])
+    assert not [line for line in closed(many, selected=narrowed) if line.startswith("pass")]
+
+
+def test_when_nothing_that_was_selected_applies_the_exit_code_says_so() -> None:
+    one = report(results=[result("lvc.comes", status="not-applicable", reason="LivelinessChanged is not claimed")])
+    assert meaning(5, [one]) == ": no scenario that was selected applies"
+
+
 def test_a_backend_that_could_not_run_says_what_installs_it() -> None:
     declaration = declare(subject={"kind": "library", "says": "it", "install": "pip install it"})
     assert lines("missing", report(declaration, available=False, unavailable_reason="no it")) == [

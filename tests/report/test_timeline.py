@@ -89,8 +89,8 @@ def event(kind: int, *, inside: bool = True, **status: int) -> Event:
     (Changed(session="s", before="AGENT_CONNECTED", state="WAITING_AGENT", reason="gone", t=5), "session s",
      "WAITING_AGENT: gone"),
     (Blind(session="s", begin=0, end=4 * MS), "s", "nothing could be observed for 4.0 ms"),
-    (Starved(begin=0, end=9, wait=40 * MS), "host", "a thread has waited 40.0 ms for a core"),
-    (Starved(begin=0, end=9, wait=40 * MS, session="far"), "far", "a thread has waited 40.0 ms for a core"),
+    (Starved(begin=0, end=9, wait=40 * MS), "host", "a thread has waited for a core, 40.0 ms"),
+    (Starved(begin=0, end=9, wait=40 * MS, session="far"), "far", "a thread has waited for a core, 40.0 ms"),
     (Cycles(label="#3", times=40, begin=0, end=9 * MS), "#3", "40 cycles, until 9.0 ms later"),
     (Measure(label="m", what="cpu", value=2.5e6, begin=0, end=1), "m", "measured cpu: 2.5 ms"),
     (Measure(label="m", what="threads", value=3, begin=0, end=1), "m", "measured threads: 3"),
@@ -135,3 +135,17 @@ def test_columns_are_as_wide_as_their_contents() -> None:
         "      130.0  listener  takes talker #2, 8 bytes  <- fails here",
     ]
     assert render([], 0) == []
+
+
+def test_waits_for_a_core_stand_together_and_carry_no_remark() -> None:
+    waits = [Starved(begin=at * MS, end=(at + 1) * MS, wait=at * MS) for at in (10, 30, 20)]
+    publish = act("publish", entity="talker", at=5 * MS, sequence=1)
+    rows = timeline(
+        Trace(header=HEADER, records=(publish, *waits, End(outcome="done", t=90 * MS))),
+        [msgspec.structs.replace(finding("RDM-001", outcome="fail"), at=31 * MS)],
+    )
+    assert [(row.who, row.what, row.remark) for row in rows] == [
+        ("talker", "publish_raw #1: OK", "<- fails here"),
+        ("host", "threads have waited for a core, 30.0 ms at the longest, until 20.0 ms later", ""),
+        ("end", "done", ""),
+    ]

@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 import msgspec
 
-from nros_conformance.report.web import markup, page
+from nros_conformance.report.web import _keys, markup, page
 from tests.report.build import LVC, REFUSED, REQUIREMENTS, cyclone, declare, reference, refusal, report, uorb
 
 STATEMENTS = {"LVC-009": "A resumed publisher & <friends> come back."}
@@ -145,3 +145,13 @@ def test_markdown_of_notes_becomes_html() -> None:
         "<strong>never</strong>: <code>a &lt; b</code> &lt;x&gt; <em>so</em> "
         '(<a href="https://a.b/7">#7</a>), requirements'
     )
+
+
+def test_of_many_scenarios_the_first_are_shown_and_the_others_wait_behind_a_mark() -> None:
+    one, *few = (f"a.b[k={number}]" for number in range(8))
+    assert _keys([one]) == f"<code>{one}</code>"
+    text = _keys([one, *few])
+    assert text.endswith(
+        '<details class="more"><summary>and 2 more</summary><code>a.b[k=6]</code> <code>a.b[k=7]</code></details>'
+    )
+    assert text.count("<code>") == 8

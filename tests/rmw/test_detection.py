@@ -70,12 +70,83 @@ def test_gap_tracker_loses_what_the_model_loses(steps: list[tuple[str, bool]], d
 
 def test_gap_tracker_takes_duplicates_reordering_and_restart_for_no_loss() -> None:
     tracker = GapTracker()
-    for number in (1, 2, 2, 4, 3, 4, 5):
-        tracker.sample("p", number, 0)
-    assert tracker.losses.total == 1  # 3 came after 4 had shown that it was missing
+    found = [tracker.sample("p", number, 0) for number in (1, 2, 2, 4, 3, 3, 4, 5)]
+    assert (found, tracker.losses.take()) == ([0, 0, 0, 1, -1, 0, 0, 0], None)
     tracker.forget("p")
     assert tracker.sample("p", 1, 0) == 0
     assert tracker.sample("q", 900, 0) == 0
+
+
+def test_a_loss_that_was_reported_stays_when_the_sample_comes_after_all() -> None:
+    tracker = GapTracker()
+    found = [tracker.sample("p", number, 0) for number in (1, 4)]
+    assert tracker.losses.take() == CountStatus(2, 2)
+    found += [tracker.sample("p", number, 0) for number in (3, 8, 6, 2)]
+    assert (found, tracker.losses.take()) == ([0, 2, 0, 3, -1, 0], CountStatus(4, 2))
+
+
+def test_a_late_sample_of_one_publisher_fills_no_gap_of_another() -> None:
+    tracker = GapTracker()
+    assert [tracker.sample(*step, 0) for step in (("p", 1), ("q", 1), ("p", 3), ("q", 4), ("q", 2))] == [0, 0, 1, 2, -1]
+    assert tracker.losses.total == 2
+
+
+def test_after_a_restart_the_numbers_of_before_fill_no_gap() -> None:
+    tracker = GapTracker()
+    for number in (1, 4):
+        tracker.sample("p", number, 0)
+    tracker.forget("p")
+    assert [tracker.sample("p", number, 0) for number in (5, 2)] == [0, 0]
+    assert tracker.losses.total == 2
+
+
+@given(
+    numbers=st.sets(st.integers(0, 60), min_size=1).flatmap(lambda sent: st.permutations(sorted(sent))),
+    start=st.sampled_from([0, 2**32 - 30]),
+    looks=st.sets(st.integers(0, 60)),
+)
+def test_gap_tracker_counts_what_never_came_and_what_came_after_its_report(
+    numbers: list[int], start: int, looks: set[int]
+) -> None:
+    tracker, reported = GapTracker(), 0
+    missing: set[int] = set()
+    told: set[int] = set()
+    after_its_report = 0
+    newest = numbers[0]
+    for index, number in enumerate(numbers):
+        tracker.sample("p", (start + number) % 2**32, index)
+        after_its_report += number in told
+        missing |= set(range(newest + 1, number))
+        missing.discard(number)
+        told.discard(number)
+        newest = max(newest, number)
+        if index in looks:
+            status = tracker.losses.take()
+            if status is not None:
+                assert status.total_count_change > 0
+                reported += status.total_count_change
+            told |= missing
+            assert reported == tracker.losses.total
+        assert tracker.losses.total == len(missing) + after_its_report
+
+
+def test_gap_tracker_keeps_a_bounded_number_of_gaps() -> None:
+    tracker = GapTracker()
+    for number in range(0, 2000, 2):
+        tracker.sample("p", number, 0)
+    assert [tracker.sample("p", 1, 0), tracker.sample("p", 1997, 0)] == [0, -1]
+
+
+def test_what_is_retracted_before_its_report_is_no_event() -> None:
+    tracker = CountTracker()
+    tracker.add(2, 7)
+    tracker.retract(2)
+    assert (tracker.ready_ns, tracker.take(), tracker.total) == (None, None, 0)
+    tracker.add(3, 8)
+    tracker.take()
+    tracker.add(1, 9)
+    tracker.retract(5)  # no more than what is unreported
+    assert (tracker.take(), tracker.total) == (None, 3)
 
 
 def test_gap_tracker_is_right_across_the_wrap() -> None:

@@ -6,7 +6,7 @@ import weakref
 import pytest
 
 from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.detection import CountTracker, DeadlineClock, LivelinessTally
+from nros_conformance.rmw.detection import CountTracker, LivelinessTally, Source
 from nros_conformance.rmw.dispatch import EventRegistry, ReadyQueue
 from nros_conformance.rmw.events import EventKind
 
@@ -15,11 +15,8 @@ LOST, MISSED, ALIVE = EventKind.MESSAGE_LOST, EventKind.REQUESTED_DEADLINE_MISSE
 
 def registry(queue: ReadyQueue, deadline_ms: int = 0) -> tuple[EventRegistry, CountTracker, LivelinessTally]:
     lost, alive = CountTracker(), LivelinessTally()
-    made = EventRegistry(
-        queue, {LOST: lost, ALIVE: alive, MISSED: None}, qos_deadline_ms=deadline_ms,
-        deadline=lambda _, period_ms: DeadlineClock(period_ms * 1_000_000).misses,
-    )  # fmt: skip
-    return made, lost, alive
+    sources: dict[EventKind, Source] = {LOST: lost, ALIVE: alive, MISSED: CountTracker()}
+    return EventRegistry(queue, sources, qos_deadline_ms=deadline_ms), lost, alive
 
 
 @pytest.mark.parametrize("kind", [3, 4, -1, 5, 255, 256, 257, 65536, 2**31 - 1])

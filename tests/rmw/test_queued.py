@@ -101,6 +101,16 @@ def test_gaps_in_the_sequence_of_a_publisher_are_losses(line: Line) -> None:
     assert seen == [(2, 2)]
 
 
+def test_a_sample_that_was_overtaken_is_delivered_and_not_lost(line: Line) -> None:
+    one = listener(line)
+    seen = listen(one, LOST)
+    for sequence in (1, 3, 2):
+        one.received(bytes([sequence]), "a", sequence)
+    line.drive_io(0)
+    assert seen == []
+    assert [one.try_recv_raw(9) for _ in range(3)] == [b"\1", b"\3", b"\2"]
+
+
 def test_a_deadline_of_the_registration_runs_from_the_arrival_and_ends_a_long_drive(line: Line) -> None:
     one = listener(line)
     seen = listen(one, MISSED, 20)
@@ -121,6 +131,20 @@ def test_a_deadline_of_the_qos_counts_every_period_however_rarely_it_is_looked_a
     one.received(b"")  # misses before it stay misses
     line.drive_io(0)
     assert seen == [(3, 3)]
+
+
+def test_a_later_registration_brings_its_own_period_and_the_total_goes_on(line: Line) -> None:
+    one = listener(line)
+    first = listen(one, MISSED, 20)
+    one.received(b"")
+    line.drive_io(0)
+    line.drive_io(20)
+    second = listen(one, MISSED, 50)
+    one.received(b"")
+    begin = line.clock.now_ns()
+    line.drive_io(0)
+    line.drive_io(1000)
+    assert (first, second, line.clock.now_ns() - begin) == ([(1, 1)], [(2, 1)], 50 * MS)
 
 
 def test_only_a_publish_that_succeeds_begins_the_offered_period_anew(line: Line) -> None:

@@ -53,6 +53,8 @@ def verdict_of(key: str, adapter: type[Backend]) -> Verdict:
     ("failed-once", "con.absent-at-start[absence=short]", "CON-005"),
     ("eight-sessions", "con.twenty-restarts", "CON-005"),
     ("gives-up", "con.long-outages[outage=half-a-minute]", "CON-005"),
+    ("gives-up-later", "con.longest-outage", "CON-005"),
+    ("gives-up-later", "con.longest-absence", "CON-005"),
     ("deaf-at-first", "con.hears-at-once", "CON-005"),
     ("halfway", "con.halfway", "CON-005"),
     ("later-unserved", "con.later-subscribers", "CON-005"),

@@ -14,7 +14,8 @@ What it decides, where Cyphal or the contract leave something open:
   is more shows with the count that publishers send every 16 samples, with heartbeats, and once a second.
 - **LivelinessLost** of an AUTOMATIC publisher: no heartbeat could be sent for its lease (bus off).
 - **RELIABLE** is CAN's own acknowledgement by at least one node, and its repetition of frames.
-- **Node ids** are leased; a node that hears its own id from somebody else says INVALID_CONFIG.
+- **Node ids** are leased, from the option ``node`` on if it is given, as it has to be on a bus with nodes of
+  other processes; a node that hears its own id from somebody else says INVALID_CONFIG.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class CanBackend(Backend):
     def __init__(self, host: Host, bus: can.BusABC | None = None) -> None:
         super().__init__(host)
         self._buses = Buses(host, bus)
-        self._nodes = NodeIds(self._buses.scratch)
+        self._nodes = NodeIds(self._buses.scratch, NodeIds.first(host.options.get("node", "")))
         self._subjects = {topic_digest(topic): subject for topic, subject in subject_table(host.options).items()}
         self._sessions: dict[tuple[int, int], CanSession] = {}
         """Those that are open, by domain and node id, which they keep until they are destroyed."""

@@ -3,12 +3,13 @@
 Without options it is ``virtual``, python-can's bus in memory, or, when a play has sessions in several
 processes, ``udp_multicast`` on loopback. Options: ``interface``, ``channel`` and whatever else the
 interface's constructor takes (``bitrate``, ``port``...); ``fd``: "true" for CAN FD; ``subjects``:
-``topic=1234,other=77``, Cyphal subjects fixed by hand.
+``topic=1234,other=77``, Cyphal subjects fixed by hand; ``node``: the id of the first session.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import errno
 import socket
 import struct
 from collections.abc import Mapping
@@ -32,7 +33,14 @@ _RECEIVE_BUFFER = 2**22
 _GROUP = "239.74.163.{}"
 _GROUPS = range(10, 250)
 _DEFAULT_PORTS = range(43113, 43115)
-_OWN_OPTIONS = frozenset({"fd", "subjects", "interface", "channel"})
+_REMEDIES = {
+    errno.EAFNOSUPPORT: "the kernel has no CAN sockets here; try: sudo modprobe -a can_raw vcan",
+    errno.ENODEV: "try: sudo ip link add dev {channel} type vcan && sudo ip link set {channel} up",
+    errno.ENETDOWN: "try: sudo ip link set {channel} up",
+}
+"""For socketcan."""
+
+_OWN_OPTIONS = frozenset({"fd", "subjects", "interface", "channel", "node"})
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -108,13 +116,24 @@ class Buses:
             if self.interface == "udp_multicast":
                 group, port = self.address(domain)
                 return Wiring(LoopbackMulticastBus(group, port, self.fd), mtu, echoes=True)
-            if domain and not self._channel:
-                raise RmwError(ReturnCode.INVALID_CONFIG, f"{self.interface} without channel has one domain only")
             arguments: dict[str, Any] = {**self._rest, "fd": self.fd}
-            made = can.Bus(channel=self._channel or None, interface=self.interface, **arguments)
+            made = can.Bus(channel=self._channel_of(domain) or None, interface=self.interface, **arguments)
             return Wiring(made, mtu, echoes=isinstance(made, UdpMulticastBus))
         except (can.CanError, OSError, ValueError, TypeError) as error:
-            raise RmwError(ReturnCode.CONNECTION_FAILED, f"{self.interface}: {error}") from error
+            raise RmwError(ReturnCode.CONNECTION_FAILED, f"{self.interface}: {error}{self._remedy(error)}") from error
+
+    def _channel_of(self, domain: int) -> str:
+        """One channel for each domain. Raises `RmwError` INVALID_CONFIG for a domain without."""
+        channels = self._channel.split(",")
+        if domain >= len(channels):
+            what = f"{self.interface}: no channel for domain {domain}; give one for each, such as channel=can0,can1"
+            raise RmwError(ReturnCode.INVALID_CONFIG, what)
+        return channels[domain]
+
+    def _remedy(self, error: Exception) -> str:
+        """What brings the interface, where that is known."""
+        remedy = _REMEDIES.get(getattr(error, "errno", None) or 0) if self.interface == "socketcan" else None
+        return f"; {remedy.format(channel=self._channel.partition(',')[0] or 'vcan0')}" if remedy else ""
 
     def address(self, domain: int) -> tuple[str, int]:
         """Group and port on loopback: unique for this play and domain."""

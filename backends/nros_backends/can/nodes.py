@@ -18,14 +18,28 @@ _STRIDE = 31
 
 
 class NodeIds:
-    """Leases ids within this process, and with ``scratch`` (a folder of the play) among several."""
+    """Leases ids within this process, and with ``scratch`` (a folder of the play) among several.
 
-    def __init__(self, scratch: Path | None) -> None:
+    ``first``: where to begin, on a bus whose other nodes are not this backend's.
+    """
+
+    def __init__(self, scratch: Path | None, first: int | None = None) -> None:
         self._scratch = scratch
         self._taken: dict[tuple[int, int], FileLock | None] = {}
         count = LAST - FIRST + 1
         self._next = 0 if scratch is None else os.getpid() * _STRIDE % count
+        if first is not None:
+            self._next = first - FIRST
         self._lock = threading.Lock()
+
+    @staticmethod
+    def first(text: str) -> int | None:
+        """The option ``node``; None without it. Raises `RmwError` INVALID_CONFIG."""
+        if not text:
+            return None
+        if not text.isdecimal() or not FIRST <= int(text) <= LAST:
+            raise RmwError(ReturnCode.INVALID_CONFIG, f"node is {text!r}: give a node id, {FIRST} to {LAST}")
+        return int(text)
 
     def lease(self, domain: int) -> int:
         """An id that nobody else has in this domain. Raises `RmwError` CONNECTION_FAILED when all are taken.

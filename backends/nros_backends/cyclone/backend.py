@@ -72,10 +72,11 @@ class CycloneBackend(Backend):
             raise RmwError(ReturnCode.INVALID_CONFIG, f"locator {options.locator!r}: DDS discovers its peers")
         if options.hard_liveliness_ms:
             raise RmwError(ReturnCode.INVALID_CONFIG, "hard liveliness: there is no agent that could check it")
-        domain, participant = self._network.join(
-            options.domain_id, options.node_name, options.connection_lease_ms or LEASE_MS
-        )
-        session = CycloneSession(self.host.clock, self._native, domain, participant)
+        domain, participant, ear = self._network.join(
+            options.domain_id, options.node_name, options.connection_lease_ms or LEASE_MS,
+            hears="inject" in self.host.faults,
+        )  # fmt: skip
+        session = CycloneSession(self.host.clock, self._native, domain, participant, ear)
         self._sessions.add(session)
         return session
 
@@ -94,7 +95,7 @@ class CycloneBackend(Backend):
         if not isinstance(publisher, CyclonePublisher) or not isinstance(subscription, CycloneSubscription):
             return None
         clock = self.host.clock
-        while not (publisher.knows(subscription.guid) and subscription.knows(publisher.guid)):
+        while not (subscription.guid in publisher.met() and publisher.guid in subscription.met()):
             now = clock.now_ns()
             if now >= until_ns:
                 return False

@@ -74,8 +74,8 @@ class End(ClockedEnd):
         """Find what has happened since ``before_ns``, and queue callbacks; whether new samples came."""
 
     @abc.abstractmethod
-    def knows(self, guid: uuid.UUID) -> bool:
-        """Whether DDS has matched it with the endpoint of this GUID."""
+    def met(self) -> list[uuid.UUID]:
+        """The GUIDs of the endpoints that DDS has matched it with, as far as it still knows them."""
 
     @abc.abstractmethod
     def matched(self) -> int:

@@ -10,6 +10,7 @@ before it accepts a participant.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import threading
@@ -19,10 +20,14 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.qos import Policy, Qos
 
+from nros_backends.cyclone.ear import Ear
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
-LEASE_MS = 1_000
-"""Default lease of a session (its participant): after that a crashed one is forgotten."""
+LEASE_MS = 10_000
+"""Default lease of a session (its participant), as Cyclone's own: after that a crashed one is forgotten."""
+
+_ANNOUNCE_MS = 250
+"""How often a participant announces itself at least, so that those who missed one soon have the next."""
 
 LEASE_MAX_MS = 3_600_000
 """The longest that Cyclone's configuration takes: an hour."""
@@ -96,21 +101,32 @@ class Network:
     def configuration(self, domain_id: int, port: int, lease_ms: int) -> str:
         """Cyclone's configuration for one session, XML."""
         return _CONFIGURATION.format(
-            external_id=self.external_id(domain_id), lease_ms=lease_ms, announce_ms=max(lease_ms // 4, 20), port=port
+            external_id=self.external_id(domain_id),
+            lease_ms=lease_ms,
+            port=port,
+            announce_ms=min(max(lease_ms // 4, 20), _ANNOUNCE_MS),
         )
 
-    def join(self, domain_id: int, node_name: str, lease_ms: int) -> tuple[Domain, DomainParticipant]:
+    def join(
+        self, domain_id: int, node_name: str, lease_ms: int, *, hears: bool = False
+    ) -> tuple[Domain, DomainParticipant, Ear | None]:
         """A new domain object with one participant. Both end with their last reference, the domain last.
 
-        Raises `RmwError` CONNECTION_FAILED when none of the ports can be had.
+        ``hears``: with an ear that has heard it from its first announcement on. Raises `RmwError`
+        CONNECTION_FAILED when none of the ports can be had.
         """
         problem = ""
         for port in self.port_candidates(domain_id):
-            try:
-                domain, local_id = self._domain(self.configuration(domain_id, port, lease_ms))
-                return domain, DomainParticipant(local_id, Qos(Policy.EntityName(node_name)))
-            except DDSException as error:
-                problem = str(error)
+            with contextlib.ExitStack() as undo:
+                try:
+                    ear = undo.enter_context(contextlib.closing(Ear(port))) if hears else None
+                    domain, local_id = self._domain(self.configuration(domain_id, port, lease_ms))
+                    participant = DomainParticipant(local_id, Qos(Policy.EntityName(node_name)))
+                except (DDSException, OSError) as error:
+                    problem = str(error)
+                else:
+                    undo.pop_all()
+                    return domain, participant, ear
         raise RmwError(ReturnCode.CONNECTION_FAILED, problem)
 
     def _domain(self, configuration: str) -> tuple[Domain, int]:

@@ -102,13 +102,13 @@ class CyclonePublisher(End, Publisher):
                 return False
             return self.session.native.assert_liveliness(writer) == ReturnCode.OK
 
-    def knows(self, guid: uuid.UUID) -> bool:
+    def met(self) -> list[uuid.UUID]:
         writer = self._writer
         if writer is None:
-            return False
+            return []
         handles = handles_of(writer.get_matched_subscriptions)
         found = (writer.get_matched_subscription_data(handle) for handle in handles)
-        return any(end is not None and end.key == guid for end in found)
+        return [end.key for end in found if end is not None]
 
     def matched(self) -> int:
         writer = self._writer

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from nros_backends.cyclone.ear import Ear
 from nros_backends.cyclone.ends import End
 from nros_backends.cyclone.envelope import dds_type_name, sample_type
 from nros_backends.cyclone.native import Native, return_code
@@ -37,11 +39,16 @@ _E = TypeVar("_E", bound=End)
 class CycloneSession(Session):
     """Own sockets and threads, so that two sessions of one process meet on the network."""
 
-    def __init__(self, clock: Clock, native: Native, domain: Domain, participant: DomainParticipant) -> None:
+    def __init__(
+        self, clock: Clock, native: Native, domain: Domain, participant: DomainParticipant, ear: Ear | None = None
+    ) -> None:
         self.clock = clock
         self.native = native
         self.queue = ReadyQueue()
         self.closed = False
+        self.guid: uuid.UUID = participant.get_guid()
+        self.ear = ear
+        """Where faults are injected that need to know what is on the wire."""
         self.dispatching = threading.RLock()
         """Held while events are found and callbacks run, not while `drive_io` waits."""
         self._domain: Domain | None = domain
@@ -93,6 +100,8 @@ class CycloneSession(Session):
             if self._receiver is not None:
                 self._receiver.stop()
             self._receiver = self._waitset = self._guard = None
+            if self.ear is not None:
+                self.ear.close()
             # The domain goes last: deleting it would delete everything in it.
             with ONE_DOMAIN_AT_A_TIME:
                 self._participant = None
@@ -103,6 +112,11 @@ class CycloneSession(Session):
         """Harness: cut this session off the network, one way or both, until called with False."""
         participant = self._participant
         return ReturnCode.INVALID_ARGUMENT if participant is None else self.native.deafmute(participant, deaf, mute)
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """Its entities."""
+        return self._ends
 
     # For the entities.
 

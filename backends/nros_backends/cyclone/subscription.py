@@ -106,13 +106,13 @@ class CycloneSubscription(End, Subscription):
         self.poll(now_ns)
         return fresh or self._more
 
-    def knows(self, guid: uuid.UUID) -> bool:
+    def met(self) -> list[uuid.UUID]:
         reader = self.reader
         if reader is None:
-            return False
+            return []
         handles = handles_of(reader.get_matched_publications)
         found = (reader.get_matched_publication_data(handle) for handle in handles)
-        return any(end is not None and end.key == guid for end in found)
+        return [end.key for end in found if end is not None]
 
     def matched(self) -> int:
         reader = self.reader

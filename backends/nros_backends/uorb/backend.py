@@ -24,6 +24,7 @@ what the contract asks for otherwise:
 
 from __future__ import annotations
 
+import random
 import weakref
 from collections.abc import Mapping
 from typing import Any
@@ -75,7 +76,13 @@ class UorbBackend(Backend):
         return {"PX4 uORB (model)": "0148665"}
 
     def inject(self, fault: str, **arguments: Any) -> int:
-        """``preset``: the generation of a topic, or the total of lost samples of a subscription."""
+        """``preset``: the generation of a topic, or the total of lost samples of a subscription.
+
+        ``inject``: see `Domain.disturb`.
+        """
+        match fault, arguments:
+            case "inject", {"session": UorbSession() as session, "count": int(count)}:
+                return session.disturb(random.Random(arguments.get("seed", 0)), count)
         entity = arguments.get("entity")
         if fault != "preset" or not isinstance(entity, UorbPublisher | UorbSubscription):
             return ReturnCode.UNSUPPORTED

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import random
 import re
 import threading
 
@@ -48,6 +50,34 @@ class Domain:
             subscription = self._bus.subscribe(topic)
             assert subscription is not None  # instance 0 always exists
             return subscription
+
+    def disturb(self, chance: random.Random, count: int) -> None:
+        """The fault ``inject``: ``count`` attempts of a foreign module that are none of instance 0 of any topic.
+
+        Memory has no packets to malform: what can be wrong are the size of a publication, the definition
+        of a topic, and the instance, all of which the bus refuses or keeps apart.
+        """
+        with self.lock:
+            topics = list(self._types)
+            for number in range(count if topics else 0):
+                topic, noise = chance.choice(topics), chance.randbytes(chance.randrange(64))
+                first = self._bus.advertise(topic)
+                match number % 5:
+                    case 0:  # -EIO: larger than the slot
+                        first.publish(bytes(CAPACITY + 1 + chance.randrange(2 * SLOT)))
+                    case 1:  # another definition of a known topic
+                        with contextlib.suppress(ValueError):
+                            self._bus.define(Metadata(topic, len(noise)))
+                    case 2:  # an instance that cannot exist
+                        self._bus.subscribe(topic, chance.choice((-1, self._bus.rules.instances, SLOT)))
+                    case 3:  # other instances, which a subscription of the first does not hear
+                        other = self._bus.advertise_multi(topic)
+                        if other is not None:
+                            other.publish(noise)
+                    case _:  # a topic of nearly that name
+                        with contextlib.suppress(ValueError):
+                            self._bus.define(Metadata(f"{topic}~", len(noise)))
+                            self._bus.advertise(f"{topic}~", noise)
 
     def _define(self, topic: str, type_name: str) -> None:
         if not isinstance(topic, str) or len(topic) > _TOPIC_MAX or not _TOPIC.fullmatch(topic):

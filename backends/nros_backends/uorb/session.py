@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 from nros_backends.uorb.domain import Domain
 from nros_backends.uorb.entities import Surroundings, UorbPublisher, UorbSubscription
 from nros_backends.uorb.qos import in_force
@@ -60,6 +62,13 @@ class UorbSession(Session):
             if self._here.ready.drain(max_callbacks) or woken or self._clock.now_ns() >= until_ns:
                 return
             self._clock.wait(self._here.wake, until_ns)
+
+    def disturb(self, chance: random.Random, count: int) -> int:
+        """Harness: see `Domain.disturb`. OK, or INVALID_ARGUMENT."""
+        if self._closed:
+            return ReturnCode.INVALID_ARGUMENT
+        self._here.domain.disturb(chance, count)
+        return ReturnCode.OK
 
     def _check_open(self) -> None:
         if self._closed:

@@ -150,6 +150,11 @@ class XrceBackend(Backend):
         """See `faults`."""
         return inject(fault, arguments)
 
+    def lacking(self) -> Mapping[str, str]:
+        if not isinstance(self._environment, UserAgent):
+            return {}
+        return dict.fromkeys(("stop", "start"), self._environment.not_ours)
+
     def versions(self) -> Mapping[str, str]:
         return {"DDS-XRCE": "1.0"}
 

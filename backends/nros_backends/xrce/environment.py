@@ -238,6 +238,7 @@ class UserAgent(Environment):
     def __init__(self, address: tuple[str, int], clock: Clock) -> None:
         self.address = address
         self._clock = clock
+        self.not_ours = f"the agent at {self.endpoint()} is not ours to stop"
 
     def start(self) -> None:
         """Raises `RmwError` CONNECTION_FAILED when it does not answer a ping."""
@@ -251,7 +252,7 @@ class UserAgent(Environment):
 
     def stop(self, *, kill: bool = False) -> None:
         """Raises `RmwError` UNSUPPORTED."""
-        raise RmwError(ReturnCode.UNSUPPORTED, f"the agent at {self.endpoint()} is not ours to stop")
+        raise RmwError(ReturnCode.UNSUPPORTED, self.not_ours)
 
     def endpoint(self) -> str:
         return f"{self.address[0]}:{self.address[1]}"

@@ -18,9 +18,6 @@ zenoh carries bytes and tokens; all status events are the shim's, over what zeno
   receive queue pushes out. A sample without a valid attachment belongs to no publisher and is dropped.
 - **A sample larger than the caller's buffer** is dropped and counted as lost.
 - **Ends are matched by their tokens** as DDS matches them; what does not match is neither delivered nor counted.
-- **What zenoh does and the adapter does not hide**: a peer that was frozen for longer than its lease connects again
-  when it thaws, but on a busy host now and then without telling its tokens and subscriptions, which then stay
-  unknown for ever; the picture is that of eclipse-zenoh/zenoh#2806. Clients of a router always come back.
 - **No callback of the application** runs on a thread of zenoh: those only fill a queue that `drive_io` works off.
 """
 
@@ -76,8 +73,9 @@ class ZenohBackend(Backend):
         self._network = Network(host.scratch, processes=host.processes, proxies=bool(host.faults & WIRE_FAULTS))
         self._sessions: weakref.WeakSet[ZenohSession] = weakref.WeakSet()
         self._faults = Faults(self._network, lambda: list(self._sessions))
-        given = host.options.get("locator", "")
-        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH) if host.variant == ROUTER and not given else None
+        clients = host.variant == ROUTER
+        given = host.options.get("locator", "") if clients else ""
+        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH) if clients and not given else None
         self._environment: Environment = GivenRouter(given) if given else self._own or Environment()
 
     def create_session(self, options: SessionOptions) -> Session:
@@ -147,6 +145,11 @@ class ZenohBackend(Backend):
     def inject(self, fault: str, **arguments: Any) -> int:
         """See `faults`."""
         return self._faults.inject(fault, arguments)
+
+    def lacking(self) -> Mapping[str, str]:
+        if not isinstance(self._environment, GivenRouter):
+            return {}
+        return dict.fromkeys(("stop", "start"), self._environment.not_ours)
 
     def versions(self) -> Mapping[str, str]:
         return {"eclipse-zenoh": importlib.metadata.version("eclipse-zenoh")}

@@ -18,6 +18,14 @@ LEASE_MS = 500
 RETRY_MS = 50
 """How soon a session tries again to connect; zenoh's own is 1 s, growing to 4 s."""
 
+HANDSHAKE_MS = 2_000
+"""How long a transport may take to open; zenoh's own is 10 s, but creating a client and closing a peer wait for it.
+
+zenoh 1.10.2 drops a handshake whose time is over wherever it stands. Between its last message and the reader's start
+that leaves a transport which sends and never reads: neither side ever ends it, and every later attempt is turned
+away. So this must be longer than a busy host, or a process that is frozen for a lease or two, needs.
+"""
+
 _KEEP_ALIVES = 8
 """Signs of life per lease; zenoh's default is 4. A busy host may delay one by the rest of the lease."""
 
@@ -33,13 +41,13 @@ def open_session(
     listen: Iterable[str] = (),
     connect: Iterable[str] = (),
     lease_ms: int = LEASE_MS,
-    open_ms: int | None = None,
+    open_ms: int = HANDSHAKE_MS,
 ) -> zenoh.Session:
-    """A session without scouting, on exactly these endpoints, with at most ``open_ms`` for its handshakes.
+    """A session without scouting, on exactly these endpoints, with at most ``open_ms`` for each handshake.
 
     Raises `RmwError` CONNECTION_FAILED when a client finds no router, or a port is taken.
     """
-    patience_ms = lease_ms if open_ms is None else max(open_ms, 1)
+    patience_ms = max(open_ms, 1)
     settings: dict[str, Any] = {
         "mode": mode,
         "listen/endpoints": list(listen),

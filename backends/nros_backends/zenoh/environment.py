@@ -113,13 +113,14 @@ class GivenRouter(Environment):
 
     def __init__(self, locator: str) -> None:
         self._locator = locator
+        self.not_ours = f"the router at {locator} is not ours to stop"
 
     def endpoint(self) -> str:
         return self._locator
 
     def stop(self, *, kill: bool = False) -> None:
         """Raises `RmwError` UNSUPPORTED."""
-        raise RmwError(ReturnCode.UNSUPPORTED, f"the router at {self._locator} is not ours to stop")
+        raise RmwError(ReturnCode.UNSUPPORTED, self.not_ours)
 
     def log(self) -> str:
         return f"a router of somebody else at {self._locator}"

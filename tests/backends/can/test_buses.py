@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import errno
+import os
+import re
 import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -18,7 +22,8 @@ from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.declaration import load_declaration
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import History
-from tests.backends.can.conftest import Log, publisher, subscription, take
+from tests.backends.can.conftest import publisher, subscription, take
+from tests.backends.log import Log
 
 PEER = """
 import sys
@@ -140,10 +145,12 @@ def test_junk_on_the_port_is_ignored(port: int, tmp_path: Path) -> None:
 
 
 def test_a_ready_made_bus_is_taken() -> None:
-    buses = [VirtualBus("a bus of the application"), VirtualBus("a bus of the application")]
-    backends = [CanBackend(Host(MonotonicClock()), bus) for bus in buses]
-    backends[1]._nodes.lease(0)  # two backends in one process do not know of each other's ids
+    backends = [
+        CanBackend(Host(MonotonicClock(), options={"node": node}), VirtualBus("a bus of the application"))
+        for node in ("10", "125")  # two backends do not know of each other's ids
+    ]
     sessions = [backend.create_session(SessionOptions()) for backend in backends]
+    assert [session.node for session in sessions] == [10, 125]  # type: ignore[attr-defined]
     talker, listener = publisher(sessions[0]), subscription(sessions[1])  # type: ignore[arg-type]
     for _ in range(3):
         for session in sessions:
@@ -161,8 +168,14 @@ def test_a_ready_made_bus_is_taken() -> None:
         ({"fd": "yes"}, ReturnCode.INVALID_CONFIG, """fd is 'yes': give "true" or "false\""""),
         ({"subjects": "a=9000"}, ReturnCode.INVALID_CONFIG, "subjects: 'a=9000' is not topic=subject, 0 to 6140"),
         ({"subjects": "a=7,b=7"}, ReturnCode.INVALID_CONFIG, "subjects: 'a' and 'b' share subject 7"),
-        ({"interface": "socketcan"}, ReturnCode.INVALID_CONFIG, "socketcan without channel has one domain only"),
-        ({"interface": "nonsense", "channel": "x"}, ReturnCode.CONNECTION_FAILED, None),
+        (
+            {"interface": "socketcan", "channel": "vcan0"},
+            ReturnCode.INVALID_CONFIG,
+            "socketcan: no channel for domain 1; give one for each, such as channel=can0,can1",
+        ),
+        ({"node": "126"}, ReturnCode.INVALID_CONFIG, "node is '126': give a node id, 1 to 125"),
+        ({"node": "x"}, ReturnCode.INVALID_CONFIG, "node is 'x': give a node id, 1 to 125"),
+        ({"interface": "nonsense", "channel": "x,y"}, ReturnCode.CONNECTION_FAILED, None),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, str], code: ReturnCode, text: str | None) -> None:
@@ -225,3 +238,35 @@ def test_the_declaration_holds_what_the_adapter_does() -> None:
     assert declaration.bounds.min_lease.ns({}) == MIN_LEASE_MS * 1_000_000
     assert declaration.connection.lease.ns({}) == LEASE_MS * 1_000_000
     assert set(declaration.claims().values()) == {"yes"}
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.EAFNOSUPPORT, "; the kernel has no CAN sockets here; try: sudo modprobe -a can_raw vcan"),
+        (errno.ENODEV, "; try: sudo ip link add dev vcan7 type vcan && sudo ip link set vcan7 up"),
+        (errno.ENETDOWN, "; try: sudo ip link set vcan7 up"),
+        (errno.EPERM, ""),
+    ],
+)
+def test_without_socketcan_it_is_said_what_brings_it(monkeypatch: pytest.MonkeyPatch, number: int, remedy: str) -> None:
+    def bus(**arguments: Any) -> Any:
+        assert (arguments["interface"], arguments["channel"]) == ("socketcan", "vcan7")
+        raise OSError(number, "it says")
+
+    monkeypatch.setattr("can.Bus", bus)
+    options = {"interface": "socketcan", "channel": "vcan7,vcan8"}
+    with pytest.raises(RmwError) as raised:
+        CanBackend(Host(MonotonicClock(), options=options)).create_session(SessionOptions())
+    assert raised.value.code is ReturnCode.CONNECTION_FAILED
+    assert raised.value.detail == f"socketcan: [Errno {number}] it says{remedy}"
+
+
+def test_the_page_about_buses_is_true(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "can.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(compile(example, "can.md", "exec"), {"__name__": "example"})
+    assert capsys.readouterr().out == "[b'hello']\n"
+    no_sockets = OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
+    buses = Buses(Host(MonotonicClock(), options={"interface": "socketcan"}))
+    assert f"socketcan: {no_sockets}{buses._remedy(no_sockets)}\n" in page

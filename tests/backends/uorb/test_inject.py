@@ -1,10 +1,11 @@
-"""The fault ``preset``, asked for through `Backend.inject`."""
+"""The faults ``preset`` and ``inject``, asked for through `Backend.inject`."""
 
 from __future__ import annotations
 
 import pytest
 
 from nros_backends.uorb import UorbBackend
+from nros_conformance.rmw.backend import Session
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import CountStatus, EventKind
 from tests.backends.uorb.conftest import MakeTalk
@@ -40,3 +41,23 @@ def test_other_counters_are_refused(backend: UorbBackend, make_talk: MakeTalk) -
     for entity, kind in ((talk.subscription, EventKind.LIVELINESS_CHANGED), (talk.publisher, EventKind.MESSAGE_LOST)):
         assert backend.inject("preset", entity=entity, count=1, kind=int(kind)) == ReturnCode.UNSUPPORTED
     assert backend.inject("preset", entity=object(), count=1, kind=None) == ReturnCode.UNSUPPORTED
+
+
+def test_what_a_foreign_module_gets_wrong_reaches_nobody(backend: UorbBackend, make_talk: MakeTalk) -> None:
+    talk = make_talk(depth=4)
+    talk.publish(2)
+    (node,) = backend._domains[0]._bus._nodes.values()
+    before = node.generation
+    assert backend.inject("inject", session=talk.session, count=100, seed=7) == ReturnCode.OK
+    assert node.generation == before
+    talk.drive()
+    talk.publish(2)
+    assert talk.take() == [0, 1, 2, 3]
+    talk.drive()
+    assert talk.losses == []
+
+
+def test_nothing_is_injected_into_an_empty_bus_or_a_destroyed_session(backend: UorbBackend, session: Session) -> None:
+    assert backend.inject("inject", session=session, count=5, seed=7) == ReturnCode.OK
+    session.destroy()
+    assert backend.inject("inject", session=session, count=5, seed=7) == ReturnCode.INVALID_ARGUMENT

@@ -177,6 +177,7 @@ def test_hard_liveliness_removes_who_is_silent_and_nobody_who_drives(either: Ben
 def test_an_own_agent_starts_by_itself_where_nobody_asked_for_it() -> None:
     backend = XrceBackend(Host(clock=MonotonicClock()))
     assert backend.create_session(SessionOptions()).drive_io(0) == OK
+    assert backend.lacking() == {}
     backend.close()
 
 
@@ -190,6 +191,7 @@ def test_the_agent_that_the_user_names() -> None:
         assert made.backend.await_matched(sent, received, 0) is None
         with pytest.raises(RmwError, match=r"^UNSUPPORTED \(-5\): the agent at 127\.0\.0\.1:\d+ is not ours to stop$"):
             made.agent.stop(kill=True)
+        assert set(made.backend.lacking()) == {"stop", "start"}
         made.backend.close()
         assert server.clients() == ()
 

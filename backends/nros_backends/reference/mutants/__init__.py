@@ -7,7 +7,8 @@ from nros_backends.reference.mutants import (
     counters,
     deadlines,
     dispatch,
-    liveliness,
+    liveliness_changed,
+    liveliness_lost,
     losses,
     misuse,
     registration,
@@ -15,7 +16,10 @@ from nros_backends.reference.mutants import (
 )
 from nros_conformance.rmw.mutants import Mutant
 
-_SUBJECTS = (registration, dispatch, counters, deadlines, liveliness, losses, misuse, connection, removal)
+_SUBJECTS = (
+    registration, dispatch, counters, deadlines, liveliness_changed, liveliness_lost, losses, misuse, connection,
+    removal,
+)  # fmt: skip
 
 
 def all_mutants() -> tuple[Mutant, ...]:

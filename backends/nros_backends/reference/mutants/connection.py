@@ -250,10 +250,11 @@ class _EightSessions(ReferenceBackend):
 class _GivesUp(ReferenceBackend):
     """A peer that did not answer for ten seconds is looked for no more."""
 
+    patience_ns = 10_000 * MS
     since: int | None = None
 
     def ping(self, options: SessionOptions, timeout_ms: int, attempts: int = 1) -> int:
-        if self.since is not None and self.clock.now_ns() - self.since > 10_000 * MS:
+        if self.since is not None and self.clock.now_ns() - self.since > self.patience_ns:
             return ReturnCode.TIMEOUT
         code = super().ping(options, timeout_ms, attempts)
         if code == ReturnCode.OK:
@@ -261,6 +262,12 @@ class _GivesUp(ReferenceBackend):
         elif self.since is None:
             self.since = self.clock.now_ns()
         return code
+
+
+class _GivesUpLater(_GivesUp):
+    """The same after three quarters of a minute: longer than any outage that is played on real time."""
+
+    patience_ns = 45_000 * MS
 
 
 class _Halfway(ReferenceSession):
@@ -377,6 +384,10 @@ def _returns() -> Iterator[Mutant]:
     )  # fmt: skip
     yield mutant("eight-sessions", "", "CON-005", "the ninth session is refused", backend=_EightSessions)
     yield mutant("gives-up", "D-CON-25", "CON-005", "a peer that was away for long is not found", backend=_GivesUp)
+    yield mutant(
+        "gives-up-later", "D-CON-25", "CON-005", "a peer that was away for a minute is not found",
+        backend=_GivesUpLater,
+    )  # fmt: skip
     yield mutant(
         "halfway", "D-CON-35", "CON-005", "what a failed set-up asked for is never created", session=_Halfway,
         publisher=_Hollow,
