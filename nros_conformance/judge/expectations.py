@@ -89,6 +89,8 @@ def _arrival(index: Index, part: schema.Base) -> bool:
 
 
 def _tells_arrival(act: Act) -> bool:
+    if act.op in ("create", "destroy"):
+        return bool(act.result == ReturnCode.TIMEOUT)  # the peer's answer has not come
     came = isinstance(act.result, int) and (act.result >= 0 or act.result in (ReturnCode.NO_DATA, ReturnCode.TIMEOUT))
     return act.op in ARRIVAL and came
 

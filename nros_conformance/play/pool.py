@@ -26,6 +26,7 @@ from nros_conformance.play.autopsy import autopsy
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.processes import death
+from nros_conformance.play.starvation import crowding
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
 from nros_conformance.trace.files import TraceWriter
 from nros_conformance.trace.records import End
@@ -216,7 +217,7 @@ class _Watch:
 
     def _limit(self, key: str) -> float:
         plan = self._plans[key]
-        return plan.expected_ns / 1e9 * (0 if self._pool._virtual else 4) + self._pool._play_limit_s
+        return plan.expected_ns / 1e9 * (0 if self._pool._virtual else 4) + self._pool._play_limit_s * crowding()
 
     def _hear(self, line: bytes, now: float) -> None:
         match decode_report(line):

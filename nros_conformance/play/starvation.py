@@ -20,6 +20,14 @@ _WORTH_NS = 2 * MS
 _GLANCE_NS = 500 * MS
 """Over which it is decided whether threads get their cores."""
 
+_MOST_CROWDED = 10.0
+
+
+def crowding() -> float:
+    """How many times longer work may take than it should, by the load of the last minute: 1 to 10."""
+    return min(max(os.getloadavg()[0] / (2 * (os.cpu_count() or 1)), 1.0), _MOST_CROWDED)
+
+
 Note = Callable[[Starved], None]
 
 

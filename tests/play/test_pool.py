@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import msgspec
@@ -11,6 +12,7 @@ from nros_conformance.judge.judge import judge
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
+from nros_conformance.play.starvation import crowding
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.declaration import load_declaration
 from nros_conformance.suite.loader import load_suites
@@ -162,3 +164,12 @@ def test_a_stopped_pool_ends_its_workers_and_keeps_what_was_played(tmp_path: Pat
     play.pool.stop()
     play.pool.play(plans("Healthy", tmp_path), 3)
     assert play.ended == {}
+
+
+def test_a_play_has_longer_on_a_crowded_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for load in (0.0, 8.0, 80.0, 4_000.0):
+        monkeypatch.setattr(os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+        monkeypatch.setattr(os, "cpu_count", lambda: 2)
+        found.append(crowding())
+    assert found == [1.0, 2.0, 10.0, 10.0]
