@@ -15,15 +15,19 @@ from msgspec.structs import replace
 from nros_conformance.formats.places import FormatError
 from nros_conformance.judge.calls import UnknownAnswer
 from nros_conformance.judge.expectations import judge_part, name_of
-from nros_conformance.judge.findings import Judged
+from nros_conformance.judge.findings import Judged, milliseconds
 from nros_conformance.judge.index import Index, MissingQuantity
 from nros_conformance.judge.invariants import INVARIANTS
 from nros_conformance.judge.results import Finding, Verdict, VerdictName
 from nros_conformance.judge.standing import answered
+from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite.loader import typed
 from nros_conformance.trace.records import End, Trace
 
 CUT_SHORT = "the trace was cut short"
+_LOST_WITHIN = 10
+"""Connection leases from a loss to the answer that tells of it: creating may wait for a peer."""
+
 _DIED = {"crash": "the backend crashed", "hang": "the backend hung", "raised": "the backend failed"}
 
 
@@ -48,10 +52,24 @@ def judge(trace: Trace) -> Verdict:
     implied = [_excused(one, levels, None, index) for one in implied]
     findings = (*conditions, *expected, *implied)
     name, reason = _verdict(end, unmet, expected, implied, levels)
+    if end is not None and end.outcome == "raised" and (waited := _cut_off(index, end)):
+        name = "inconclusive"
+        reason += f"; threads of the backend had to wait {milliseconds(waited)} for a core meanwhile"
     warnings = tuple(
         _told(one) for one in (*expected, *implied) if one.outcome == "fail" and _level(one, levels) != "must"
     )
     return Verdict(verdict=name, reason=reason, findings=findings, warnings=warnings)
+
+
+def _cut_off(index: Index, end: End) -> int:
+    """How long a thread had no core, ns, if that may have ended the connection without which nothing can be created."""
+    lease = index.quantities.get("connection_lease", 0)
+    if not lease or f" answered {ReturnCode.CONNECTION_FAILED.name}" not in end.detail:
+        return 0
+    waits = [one.wait for one in index.starved if one.end >= end.t - _LOST_WITHIN * lease]
+    longest = max(waits, default=0)
+    # Signs of life are sent several times a lease.
+    return longest if longest > lease // 2 else 0
 
 
 def _verdict(
