@@ -15,17 +15,16 @@ from msgspec.structs import replace
 from nros_conformance.formats.places import FormatError
 from nros_conformance.judge.calls import UnknownAnswer
 from nros_conformance.judge.expectations import judge_part, name_of
-from nros_conformance.judge.findings import Judged, milliseconds
+from nros_conformance.judge.findings import Judged
 from nros_conformance.judge.index import Index, MissingQuantity
 from nros_conformance.judge.invariants import INVARIANTS
 from nros_conformance.judge.results import Finding, Verdict, VerdictName
 from nros_conformance.judge.standing import answered
-from nros_conformance.rmw.codes import ReturnCode
+from nros_conformance.judge.unopened import why_unopened
 from nros_conformance.suite.loader import typed
 from nros_conformance.trace.records import End, Trace
 
 CUT_SHORT = "the trace was cut short"
-_UNANSWERED = (ReturnCode.TIMEOUT, ReturnCode.CONNECTION_FAILED)
 _DIED = {"crash": "the backend crashed", "hang": "the backend hung", "raised": "the backend failed"}
 
 
@@ -51,23 +50,12 @@ def judge(trace: Trace) -> Verdict:
     findings = (*conditions, *expected, *implied)
     name, reason = _verdict(end, unmet, expected, implied, levels)
     failed = any(one.outcome == "fail" for one in findings)
-    if name == "fail" and not failed and end is not None and (why := _starved_creation(index, end)):
+    if name == "fail" and not failed and end is not None and (why := why_unopened(index, end)):
         name, reason = "inconclusive", f"{reason}; {why}"
     warnings = tuple(
         _told(one) for one in (*expected, *implied) if one.outcome == "fail" and _level(one, levels) != "must"
     )
     return Verdict(verdict=name, reason=reason, findings=findings, warnings=warnings)
-
-
-def _starved_creation(index: Index, end: End) -> str:
-    """Why it is the host's doing that a creation ended the play: most of its time, threads had no core. Else empty."""
-    refused = [one for _, one in index.states if one.what == "refused" and one.code in _UNANSWERED]
-    if end.outcome != "raised" or not end.detail.startswith(("creating ", "create_session ")) or not refused:
-        return ""
-    waited = index.starvation(refused[-1].begin, refused[-1].end)
-    if 2 * waited <= refused[-1].end - refused[-1].begin:
-        return ""
-    return f"threads of the backend had to wait {milliseconds(waited)} for a core meanwhile"
 
 
 def _verdict(

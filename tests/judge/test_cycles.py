@@ -73,6 +73,14 @@ def test_samples_and_events(range_: list[int] | None, outcome: str, got: str) ->
     assert found.wanted == "listener counts at least 1 MessageLost in each cycle"
 
 
+@pytest.mark.parametrize(("range_", "outcome"), [([0, 1], "unclear"), ([0, 0], "fail")])
+def test_what_came_in_some_cycles_only_while_threads_had_no_core_is_unclear(range_: list[int], outcome: str) -> None:
+    record = summed(received={"listener": range_}, events={"listener/MessageLost": range_})
+    starved = Starved(begin=ms(1), end=ms(2), wait=ms(8) - ms(0))
+    for expected in ({"sampled": "listener"}, {"event": "MessageLost", "of": "listener"}):
+        assert finding({**LOOP, **expected}, starved, record).outcome == outcome
+
+
 def test_without_a_turn_nothing_is_said() -> None:
     found = finding({**LOOP, "sampled": "listener"})
     assert (found.outcome, found.got) == ("none", "no cycle of loop was played")
