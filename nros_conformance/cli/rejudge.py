@@ -34,8 +34,12 @@ def run(options: argparse.Namespace) -> ExitCode:
         new = msgspec.structs.replace(new, differences=tuple(differences(new, levels)))
         failed |= bool(new.differences) or any(one.verdict == "fail" and not one.known for one in results)
         write_report(directory, new)
-    print(f"{judged} traces judged again, {changed} verdict{'s' if changed != 1 else ''} changed")
+    print(f"{_many(judged, 'trace')} judged again, {_many(changed, 'verdict')} changed")
     return ExitCode.FAILED if failed else ExitCode.OK
+
+
+def _many(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _rejudge(report: Report, result: ScenarioResult, directory: Path) -> ScenarioResult:

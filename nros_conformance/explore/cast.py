@@ -29,12 +29,14 @@ _DEADLINES = (EventKind.REQUESTED_DEADLINE_MISSED, EventKind.OFFERED_DEADLINE_MI
 class Cast:
     """``leases``: the publisher ``manual`` has MANUAL liveliness, else it is a second plain one.
 
+    ``forgets``: to a subscription a publisher that is not alive has gone, and is a new one when it comes back.
     ``without``: events that are claimed and not looked at, and why.
     """
 
     kinds: tuple[EventKind, ...] = tuple(EventKind)
     verbs: tuple[str, ...] = tuple(VERBS)
     leases: bool = True
+    forgets: bool = False
     without: Mapping[EventKind, str] = dataclasses.field(default_factory=dict)
 
     def qos(self, name: str, lossy: bool = False) -> QosProfile:
@@ -52,6 +54,7 @@ class Cast:
             tuple(kind for kind in self.kinds if kind in other.kinds),
             tuple(verb for verb in self.verbs if verb in other.verbs),
             self.leases and other.leases,
+            self.forgets or other.forgets,
             {**self.without, **other.without},
         )
 
@@ -72,6 +75,7 @@ def cast_for(declaration: Declaration) -> Cast:
         tuple(kind for kind in claimed if kind not in without),
         tuple(verb for verb in VERBS if not left_out.get(verb)),
         leases,
+        declaration.event(EventKind.LIVELINESS_CHANGED).loss_class == "destroy",
         without,
     )
 

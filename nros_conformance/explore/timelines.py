@@ -44,6 +44,9 @@ AT_ONCE = 4
 """Actions without time between them: each waits for a drive of 5 ms, and what they are late by has to fit into the
 0.2T that a step of time ends early."""
 
+_RACES = {"create": {"publish", "lose"}, "publish": {"take"}}
+"""What cannot follow at once, because of the way from one end to the other."""
+
 _PROVES = {
     EventKind.REQUESTED_DEADLINE_MISSED: "RDM-003",
     EventKind.OFFERED_DEADLINE_MISSED: "ODM-003",
@@ -77,9 +80,10 @@ class Timeline:
     def sensible(self) -> Timeline:
         """The same without what cannot be done: using or destroying what is not there, creating what is.
 
-        Time passes after so many actions at once, and before a sample is sent to, or by, one that was just created.
+        Time passes after so many actions at once, before a sample is sent to, or by, one that was just created, and
+        before one is taken that was just sent.
         """
-        alive, late, at_once, young = set(ENTITIES), set(SUBSCRIPTIONS), 0, False
+        alive, late, at_once, races = set(ENTITIES), set(SUBSCRIPTIONS), 0, set[str]()
         kept: list[Action] = []
         for action in self.actions:
             verb, subject = action.verb, action.subject
@@ -90,13 +94,13 @@ class Timeline:
             alive ^= {subject} if verb in ("create", "destroy") else set()
             late -= {subject} if verb in ("register", "destroy") else set()
             if verb in TIME:
-                at_once, young = 0, False
-            elif at_once == AT_ONCE or (young and verb in ("publish", "lose")):
+                at_once, races = 0, set()
+            elif at_once == AT_ONCE or verb in races:
                 kept.append(Action("drive"))
-                at_once, young = 1, False
+                at_once, races = 1, set()
             else:
                 at_once += 1
-            young |= verb == "create"
+            races |= _RACES.get(verb, set())
             kept.append(action)
         return dataclasses.replace(self, actions=tuple(kept))
 
@@ -116,6 +120,7 @@ class _Told:
     ) -> None:
         self.slack_ns = slack_ns
         self._swallows = swallows
+        self._forgets = cast.forgets
         self.born = dict.fromkeys(ENTITIES, 0)
         """The first occurrence that can concern the present life of each."""
         self.world = world()
@@ -142,6 +147,8 @@ class _Told:
         for one in found:
             name = self._names[one.entity]
             self.happened.append((one.at_ns, name, one.kind, one.change))
+            if one.kind is EventKind.LIVELINESS_LOST and self._forgets:
+                self._heard = {pair for pair in self._heard if pair[2] != one.entity}
 
     def create(self, name: str) -> None:
         id_ = len(self._names)

@@ -144,6 +144,9 @@ def _conserved(
     excuse = excused(index, entity, "MessageLost", needs_event=True)
     if excuse is not None:
         return excuse._replace(wanted=wanted)
+    stranger = next((publisher for publisher in publishers if not _met(index, publisher, entity)), None)
+    if stranger is not None:
+        return Judged("unclear", wanted, f"{stranger} and {entity} had not met within the discovery bound")
     published, uncertain = _published(index, publishers, since)
     if uncertain:
         return Judged("unclear", wanted, f"{_sample(min(uncertain))} was perhaps published before {expected.since}")
@@ -178,6 +181,12 @@ def _conserved(
             surplus=sure - gaps, missing=True,
         )  # fmt: skip
     return unless_blind(index, index.session_of(entity), judged)
+
+
+def _met(index: Index, publisher: str, entity: str) -> bool:
+    """Whether they had met for certain when a ``settle`` was over, if there was one: MSL-001 counts since then."""
+    found = [one for one in index.matched if (one.publisher, one.subscription) == (publisher, entity)]
+    return not found or any(one.how != "timeout" for one in found)
 
 
 def _published(

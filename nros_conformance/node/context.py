@@ -101,6 +101,7 @@ def _all_of(steps: list[Callable[[], object]]) -> None:
 
 
 def _adapter(name: str) -> type[Backend]:
+    from nros_conformance.formats.places import FormatError
     from nros_conformance.rmw.discovery import BackendNotFound, find_backend  # entry points cost start-up time
 
     try:
@@ -112,5 +113,5 @@ def _adapter(name: str) -> type[Backend]:
     except ImportError as error:
         install = found.declaration.subject.install if found.declaration is not None else ""
         raise RmwError(ReturnCode.NO_BACKEND, f"{error}" + (f"; {install}" if install else "")) from error
-    except (AttributeError, TypeError) as error:
+    except FormatError as error:
         raise RmwError(ReturnCode.UNKNOWN_BACKEND, str(error)) from error

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from typing import Generic
+from typing import Generic, TypeVar
 
-from nros_conformance.node.channel import S
 from nros_conformance.rmw.codes import ReturnCode, RmwError
+from nros_conformance.rmw.events import CountStatus, LivelinessChangedStatus
+
+S = TypeVar("S", LivelinessChangedStatus, CountStatus)
 
 
 class Inbox(Generic[S]):

@@ -79,7 +79,9 @@ def _known(report: Report, known: Known) -> Iterator[str]:
     outcomes = {proof.outcome for requirement, proof in proofs if requirement == known.requirement}
     if "fail" in outcomes:
         return
-    if "pass" in outcomes and "unclear" not in outcomes:
+    # A pass that took a repeat was played at a larger T, where the deviation need not show.
+    repeated = any(len(result.attempts) > 1 for result in named)
+    if "pass" in outcomes and "unclear" not in outcomes and not repeated:
         yield f"{section} holds; remove the entry"
     elif not outcomes and all(result.status == "not-applicable" for result in named):
         yield f"{section} names a scenario that does not apply to {report.backend}; remove the entry"

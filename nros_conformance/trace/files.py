@@ -74,9 +74,7 @@ def read_trace(path: Path) -> Trace:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise FormatError(
-            path, None, f"cannot be read: {error.strerror}", "name a trace of a results directory"
-        ) from None
+        raise FormatError(path, None, f"cannot be read: {error.strerror}", "play the scenario again") from None
     if not content:
         raise FormatError(path, None, "the trace is empty", _AGAIN)
     lines = content.split(b"\n")

@@ -21,10 +21,10 @@ from nros_conformance.campaign.checks import (
     try_tcp,
     try_udp,
 )
-from nros_conformance.campaign.host import HostCheck
 from nros_conformance.campaign.selection import decide
 from nros_conformance.play.faketime import find_faketime
-from nros_conformance.suite.loader import Suites, load_suites
+from nros_conformance.suite.loader import Suites
+from tests.campaign.hosts import CALM, suites_of_faults
 from tests.report.build import LVC, REFUSED, declare
 
 NOWHERE = "192.0.2.1"
@@ -32,45 +32,14 @@ NOWHERE = "192.0.2.1"
 
 BRIEF_S = 0.05
 
-SUITE = """\
-suite: sample
-title: A sample
-scenarios:
-  - id: sample.step
-    title: The wall clock is stepped
-    sessions: {sub: {process: own}}
-    entities: &entities
-      talker: {publisher: sensor, qos: {deadline: 1T}}
-      listener: {subscription: sensor, qos: {deadline: 1T}}
-    script: [settle, {do: publish, by: talker, as: data}, {fault: clock_step, of: sub, by: 1s}, {drive: 2T}]
-    expect:
-      - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: [RDM-006, RDM-002]}
-  - id: sample.quiet
-    title: Nothing is stepped
-    entities: *entities
-    script: [settle, {do: publish, by: talker, as: data}, {drive: 2T}]
-    expect:
-      - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: RDM-002}
-  - id: sample.crash
-    title: A publisher dies
-    sessions: {pub: {process: own}}
-    entities: *entities
-    script: [settle, {fault: crash, of: pub, as: gone}, {drive: 2T}]
-    expect:
-      - {level: alive_count, of: listener, is: 0, by: gone.end + 1T, proves: [LVC-004, LVC-001]}
-"""
-
 
 @pytest.fixture(scope="module")
 def suites(tmp_path_factory: pytest.TempPathFactory) -> Suites:
-    directory = tmp_path_factory.mktemp("suites")
-    (directory / "sample.yaml").write_text(SUITE, encoding="utf-8")
-    return load_suites(directory)
+    return suites_of_faults(tmp_path_factory.mktemp("suites"))
 
 
 REAL = declare("cyclone")
 VIRTUAL = declare("uorb", behaviour={"clock": "virtual"})
-CALM = HostCheck(cores=2, median_ms=0.31, worst_ms=4.12, seconds=2.0)
 
 # --- what is really tried ---------------------------------------------------------------------------
 

@@ -18,7 +18,6 @@ from nros_conformance.campaign.checks import (
     Check,
     Probes,
 )
-from nros_conformance.campaign.host import HostCheck
 from nros_conformance.cli.codes import ExitCode
 from nros_conformance.cli.doctor import check_backend, diagnose, stored
 from nros_conformance.cli.main import main
@@ -27,41 +26,18 @@ from nros_conformance.report.results import Report, write_report
 from nros_conformance.rmw.backend import Environment
 from nros_conformance.rmw.discovery import Found, find_backend
 from nros_conformance.rmw.process import ProcessEnvironment
-from nros_conformance.suite.loader import Suites, load_suites
+from nros_conformance.suite.loader import Suites
+from tests.campaign.hosts import CALM, suites_of_faults
 from tests.report.build import declare, uorb
 
 ADAPTERS = Path(__file__).parents[1] / "play" / "adapters"
-SUITE = """\
-suite: sample
-title: A sample
-scenarios:
-  - id: sample.step
-    title: The wall clock is stepped
-    sessions: {sub: {process: own}}
-    entities: &entities
-      talker: {publisher: sensor, qos: {deadline: 1T}}
-      listener: {subscription: sensor, qos: {deadline: 1T}}
-    script: [settle, {do: publish, by: talker, as: data}, {fault: clock_step, of: sub, by: 1s}, {drive: 2T}]
-    expect:
-      - {never: RequestedDeadlineMissed, of: listener, until: data.last, proves: RDM-006}
-  - id: sample.crash
-    title: A publisher dies
-    sessions: {pub: {process: own}}
-    entities: *entities
-    script: [settle, {fault: crash, of: pub, as: gone}, {drive: 2T}]
-    expect:
-      - {level: alive_count, of: listener, is: 0, by: gone.end + 1T, proves: [LVC-004, LVC-001]}
-"""
 
 
 @pytest.fixture(scope="module")
 def suites(tmp_path_factory: pytest.TempPathFactory) -> Suites:
-    directory = tmp_path_factory.mktemp("suites")
-    (directory / "sample.yaml").write_text(SUITE, encoding="utf-8")
-    return load_suites(directory)
+    return suites_of_faults(tmp_path_factory.mktemp("suites"))
 
 
-CALM = HostCheck(cores=2, median_ms=0.31, worst_ms=4.12, seconds=2.0)
 WELL = Probes(
     lateness=lambda: CALM,
     loopback={"UDP": lambda: "", "UDP multicast on lo": lambda: "", "TCP": lambda: ""},
@@ -197,7 +173,7 @@ def test_the_whole_of_a_host_that_is_well(suites: Suites, tmp_path: Path) -> Non
     version = ready("own").load()(None).versions()["PX4 uORB (model)"]  # type: ignore[arg-type]
     assert code is ExitCode.OK
     assert text == (
-        f"nros-conformance 0.1.0   Python {platform.python_version()}   suites 1.0: 2 scenarios, 90 requirements\n"
+        f"nros-conformance 0.1.0   Python {platform.python_version()}   suites 1.0: 3 scenarios, 90 requirements\n"
         "\n"
         "host     2 cores\n"
         "  ok       a sleeping thread wakes 0.3 ms late, 4.1 ms at worst over 2 s\n"

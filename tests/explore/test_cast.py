@@ -60,6 +60,12 @@ def test_a_choice_that_the_model_does_not_know_is_left_out_and_said(
     assert left_out([cast]) == [f"{kind.label}: {why}"]
 
 
+def test_a_token_that_goes_does_not_say_why() -> None:
+    assert cast_for(declared("zenoh")).forgets
+    assert cast_for(declared("cyclone")).shared(cast_for(declared("zenoh"))).forgets
+    assert not cast_for(declared("cyclone")).forgets
+
+
 def test_two_share_what_both_can_do() -> None:
     shared = cast_for(declared("cyclone")).shared(cast_for(declared("xrce")))
     assert (shared.kinds, shared.leases, "assert" in shared.verbs, "lose" in shared.verbs) == (

@@ -10,6 +10,7 @@ import pytest
 
 from nros_backends.reference import ReferenceBackend
 from nros_conformance.campaign.plans import Row
+from nros_conformance.explore.cast import Cast
 from nros_conformance.explore.explore import compare, explore
 from nros_conformance.explore.mutation import play_defective
 from nros_conformance.explore.search import HypothesisMissing
@@ -111,6 +112,16 @@ def test_what_cannot_be_done_is_left_out() -> None:
     assert [action.verb for action in Timeline(actions).sensible().actions] == ["destroy", "create", "take"]
 
 
+@pytest.mark.parametrize(
+    ("first", "then"), [(("create", "first"), ("publish", "steady")), (("publish", "steady"), ("take", "second"))]
+)
+def test_what_needs_its_way_gets_time(first: tuple[str, str], then: tuple[str, str]) -> None:
+    actions = (Action("destroy", "first"), Action(*first), Action("assert", "manual"), Action(*then))
+    assert [one.verb for one in Timeline(actions).sensible().actions] == [
+        "destroy", first[0], "assert", "drive", then[0],
+    ]  # fmt: skip
+
+
 def test_the_expectations_are_what_the_model_says() -> None:
     raw = scenario(
         Timeline((Action("publish", "steady"), Action("drive", count=6)), (EventKind.OFFERED_DEADLINE_MISSED,))
@@ -122,8 +133,8 @@ def test_the_expectations_are_what_the_model_says() -> None:
     ]  # fmt: skip
 
 
-def losses(*actions: Action) -> list[tuple[str, int, int]]:
-    raw = scenario(Timeline((*actions, Action("drive")), (EventKind.MESSAGE_LOST,)))
+def losses(*actions: Action, forgets: bool = False) -> list[tuple[str, int, int]]:
+    raw = scenario(Timeline((*actions, Action("drive")), (EventKind.MESSAGE_LOST,)), cast=Cast(forgets=forgets))
     asked = [one for one in raw["expect"] if one["at"] == f"a{len(actions)}.end - 0.1T" and one["of"] == "first"]
     return [(one["of"], one.get("at_least", one.get("is")), one.get("at_most", one.get("is"))) for one in asked]
 
@@ -139,6 +150,17 @@ def test_a_loss_before_the_first_sample_that_arrives_need_not_be_counted() -> No
     assert losses(Action("lose", "steady", 2), Action("publish", "steady", 6)) == [("first", 2, 4)]
     again = (Action("lose", "steady"), Action("publish", "steady"))
     assert losses(*again, *again) == [("first", 1, 2)]
+
+
+def test_a_publisher_that_was_not_alive_is_a_new_one_where_that_is_declared() -> None:
+    actions = (
+        Action("publish", "manual"),
+        Action("drive", count=5),
+        Action("lose", "manual"),
+        Action("publish", "manual"),
+    )
+    assert losses(*actions) == [("first", 1, 1)]
+    assert losses(*actions, forgets=True) == [("first", 0, 1)]
 
 
 def test_whether_others_hear_of_an_assertion_that_is_lost_is_left_open() -> None:

@@ -139,8 +139,8 @@ def fault(label: str, at: float, what: str = "crash", of: str = "pub", end: floa
     return FaultRecord(label=label, fault=what, of=of, begin=ms(at), end=ms(at if end is None else end))
 
 
-def matched(begin: float, end: float) -> Matched:
-    return Matched(publisher="talker", subscription="listener", begin=ms(begin), end=ms(end), how="adapter")
+def matched(begin: float, end: float, how: str = "adapter") -> Matched:
+    return Matched(publisher="talker", subscription="listener", begin=ms(begin), end=ms(end), how=how)
 
 
 def registered(kind: str, *, entity: str = "listener", code: int = 0) -> Registered:

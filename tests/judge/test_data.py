@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from tests.judge.build import ENTITIES, act, counted, finding, publish, registered, spins, take, taken
+from tests.judge.build import ENTITIES, act, counted, finding, matched, publish, registered, spins, take, taken
 
 ALL_OF = {"received": "data", "of": "listener"}
 DATA = publish("data", 10, 20, 30, 40)
@@ -144,6 +144,17 @@ def test_conserved(records: list[Any], outcome: str, got: str) -> None:
     assert (found.outcome, found.got) == (outcome, got)
 
 
+@pytest.mark.parametrize(("later", "outcome"), [([], "unclear"), ([matched(9, 10)], "fail")], ids=["never", "later"])
+def test_samples_of_a_publisher_that_was_not_met_in_time_may_be_older_than_the_match(
+    later: list[Any], outcome: str
+) -> None:
+    found = finding(CONSERVED, matched(0, 5, "timeout"), later, played(7, 8, 9, 10))
+    assert found.outcome == outcome
+    assert found.got == (
+        "4 received + 0 lost, 10 published" if later else "talker and listener had not met within the discovery bound"
+    )
+
+
 def test_losses_that_there_was_no_call_to_report_in() -> None:
     found = finding(CONSERVED, played(1, 2, 9, 10)[:-1])
     assert (found.outcome, found.got) == (
@@ -157,18 +168,18 @@ def test_what_was_sent_before_since_is_history() -> None:
     later = publish("data", 20, 30, 40, first=4)
     came = [spins(0, 100), taken(100, 2, label="old"), taken(100, 4, 6), take("all", 100, 3)]
     expect = CONSERVED | {"since": "matched"}
-    matched = act("matched", 10, 11, op="settle", entity="", session="")
-    records = [lost(5, 2, 2), before, matched, later, came, lost(150, 3, 1), spins(100, 200)]
+    settled = act("matched", 10, 11, op="settle", entity="", session="")
+    records = [lost(5, 2, 2), before, settled, later, came, lost(150, 3, 1), spins(100, 200)]
     found = finding(expect, records)
     assert found.wanted == "received + lost = published by talker on listener since matched"
     assert (found.outcome, found.got) == ("pass", "2 received + 1 lost, 3 published")
 
 
 def test_a_sample_sent_while_since_happened_leaves_it_open() -> None:
-    matched = act("matched", 10, 25, op="settle", entity="", session="")
+    settled = act("matched", 10, 25, op="settle", entity="", session="")
     data = publish("data", 20, 30, 40)
     came = [spins(0, 100), taken(100, 2, 3), take("all", 100, 2), spins(100, 200)]
-    found = finding(CONSERVED | {"since": "matched"}, matched, data, came)
+    found = finding(CONSERVED | {"since": "matched"}, settled, data, came)
     assert (found.outcome, found.got) == ("unclear", "sample 1 of talker was perhaps published before matched")
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from nros_conformance.report.differences import differences
@@ -147,6 +148,13 @@ ENTRY = known("LVC-009", "lvc.frozen")
 )
 def test_a_known_entry_has_to_fail(results: list[ScenarioResult], expected: list[str]) -> None:
     assert known_texts(ENTRY, *results) == expected
+
+
+def test_a_known_failure_that_passes_in_a_repeat_at_a_larger_scale_is_no_difference() -> None:
+    first = result("lvc.frozen", "LVC-009")
+    repeated = msgspec.structs.replace(first, attempts=(*first.attempts, *first.attempts))
+    assert known_texts(ENTRY, first) == ["[[known]] D1 (LVC-009, lvc.frozen) holds; remove the entry"]
+    assert known_texts(ENTRY, repeated) == []
 
 
 def test_a_partial_run_leaves_entries_of_other_scenarios_alone() -> None:

@@ -152,7 +152,7 @@ def test_keys_of_later_versions_are_ignored(tmp_path: Path) -> None:
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
-    error = "FILE: cannot be read: No such file or directory; name a trace of a results directory"
+    error = "FILE: cannot be read: No such file or directory; play the scenario again"
     assert the_error(tmp_path / "none.jsonl") == error
 
 

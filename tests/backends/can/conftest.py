@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from nros_conformance.rmw.backend import Host, Publisher, SessionOptions, Subscription
+from nros_conformance.rmw.backend import Host, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS, VirtualClock
 from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.events import CountStatus, EventStatus, LivelinessChangedStatus
 from nros_conformance.rmw.qos import DEFAULT, QosProfile
 
 pytest.importorskip("can", reason="the extra nros-conformance[can] is not installed")
@@ -25,40 +24,6 @@ if TYPE_CHECKING:
 TYPE = "std_msgs/msg/String"
 
 _networks = itertools.count(os.getpid() * 16)
-
-
-@dataclasses.dataclass
-class Log:
-    """What was called back."""
-
-    events: list[tuple[int, EventStatus]] = dataclasses.field(default_factory=list)
-
-    def __call__(self, kind: int, status: EventStatus, context: object) -> None:
-        assert context is self
-        self.events.append((kind, status))
-
-    def watch(self, entity: Publisher | Subscription, kind: int, deadline_ms: int = 0) -> Log:
-        assert entity.register_event(kind, deadline_ms, self, self) == ReturnCode.OK
-        return self
-
-    @property
-    def total(self) -> int:
-        if not self.events:
-            return 0
-        status = self.events[-1][1]
-        assert isinstance(status, CountStatus)
-        assert sum(event[1][1] for event in self.events) == status.total_count
-        return status.total_count
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        alive, not_alive = 0, 0
-        for _, status in self.events:
-            assert isinstance(status, LivelinessChangedStatus)
-            alive += status.alive_count_change
-            not_alive += status.not_alive_count_change
-            assert (alive, not_alive) == (status.alive_count, status.not_alive_count)
-        return alive, not_alive
 
 
 class Bench:

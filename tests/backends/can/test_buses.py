@@ -22,7 +22,8 @@ from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.declaration import load_declaration
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import History
-from tests.backends.can.conftest import Log, publisher, subscription, take
+from tests.backends.can.conftest import publisher, subscription, take
+from tests.backends.log import Log
 
 PEER = """
 import sys

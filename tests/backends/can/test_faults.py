@@ -11,7 +11,8 @@ from nros_backends.can.messages import HEARTBEAT_SUBJECT, Heartbeat
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import Liveliness
-from tests.backends.can.conftest import Bench, Log, publisher, subscription, take
+from tests.backends.can.conftest import Bench, publisher, subscription, take
+from tests.backends.log import Log
 
 
 @pytest.mark.parametrize("seed", range(5))

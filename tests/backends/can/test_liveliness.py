@@ -9,7 +9,8 @@ from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import Liveliness
-from tests.backends.can.conftest import TYPE, Bench, Log, publisher, subscription, take
+from tests.backends.can.conftest import TYPE, Bench, publisher, subscription, take
+from tests.backends.log import Log
 
 MANUAL = (Liveliness.MANUAL_BY_TOPIC, Liveliness.MANUAL_BY_NODE)
 
@@ -220,7 +221,7 @@ def test_a_pair_that_does_not_fit_has_neither_data_nor_liveliness(
     bench.run(3)
     talker.publish_raw(b"data")
     bench.run(3)
-    assert (take(listener), log.events) == ([], [])
+    assert (take(listener), log.statuses) == ([], [])
     assert bench.backend.matched(talker) == bench.backend.matched(listener) == 0
     assert bench.backend.await_matched(talker, listener, bench.clock.now_ns() + 5 * MS) is False
 

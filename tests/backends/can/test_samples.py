@@ -7,7 +7,8 @@ from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import History, Liveliness, Reliability
-from tests.backends.can.conftest import Bench, Log, publisher, subscription, take
+from tests.backends.can.conftest import Bench, publisher, subscription, take
+from tests.backends.log import Log
 
 
 def test_samples_of_every_size_arrive_as_they_were(either: Bench) -> None:

@@ -15,7 +15,8 @@ from nros_conformance.rmw.clock import MS, MonotonicClock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import DEFAULT, Durability, Liveliness, QosProfile
-from tests.backends.can.conftest import TYPE, Bench, Log, publisher, subscription
+from tests.backends.can.conftest import TYPE, Bench, publisher, subscription
+from tests.backends.log import Log
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ import pytest
 from nros_conformance.rmw.backend import Host, Publisher, SessionOptions, Subscription
 from nros_conformance.rmw.clock import MS, MonotonicClock
 from nros_conformance.rmw.codes import ReturnCode
-from nros_conformance.rmw.events import CountStatus, EventKind, EventStatus, LivelinessChangedStatus
+from nros_conformance.rmw.events import EventKind, EventStatus
 from nros_conformance.rmw.qos import DEFAULT
+from tests.backends import log
 
 if TYPE_CHECKING:
     from nros_backends.cyclone.backend import CycloneBackend
@@ -70,40 +71,17 @@ class Event:
     thread: int
 
 
-class Log:
-    """What was called back, and when."""
+class Log(log.Log):
+    """What was called back, when, and on which thread."""
 
     def __init__(self, clock: MonotonicClock) -> None:
+        super().__init__()
         self.clock = clock
         self.events: list[Event] = []
 
     def __call__(self, kind: int, status: EventStatus, context: object) -> None:
-        assert context is self
+        super().__call__(kind, status, context)
         self.events.append(Event(self.clock.now_ns(), kind, status, threading.get_ident()))
-
-    def watch(self, entity: Publisher | Subscription, kind: int, deadline_ms: int = 0) -> Log:
-        assert entity.register_event(kind, deadline_ms, self, self) == ReturnCode.OK
-        return self
-
-    @property
-    def total(self) -> int:
-        if not self.events:
-            return 0
-        status = self.events[-1].status
-        assert isinstance(status, CountStatus)
-        assert sum(event.status[1] for event in self.events) == status.total_count
-        return status.total_count
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        alive, not_alive = 0, 0
-        for event in self.events:
-            status = event.status
-            assert isinstance(status, LivelinessChangedStatus)
-            alive += status.alive_count_change
-            not_alive += status.not_alive_count_change
-            assert (alive, not_alive) == (status.alive_count, status.not_alive_count)
-        return alive, not_alive
 
 
 class Driver:
