@@ -24,10 +24,8 @@ class NativeSession(Session):
         self, library: Library, options: SessionOptions, domain: int, released: deque[Registration] | None = None
     ) -> None:
         """Create it. Raises `RmwError`. ``released``: where registrations go whose late calls are told."""
-        if options.connection_lease_ms or options.hard_liveliness_ms:
-            raise RmwError(
-                ReturnCode.INVALID_CONFIG, "the C boundary knows neither connection lease nor hard liveliness"
-            )
+        if options.hard_liveliness_ms:  # while a lease of the connection is the library's own affair
+            raise RmwError(ReturnCode.INVALID_CONFIG, "the C boundary does not know hard liveliness")
         self.library = library
         self.domain = domain
         self.node_name = options.node_name
