@@ -26,6 +26,7 @@ from nros_conformance.play.autopsy import autopsy
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.processes import death
+from nros_conformance.play.starvation import starves
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
 from nros_conformance.trace.files import TraceWriter
 from nros_conformance.trace.records import End
@@ -44,6 +45,10 @@ longest silence of a healthy worker on an overloaded host was 1.1 s in our measu
 PLAY_LIMIT_S = 60.0
 """A play that lasts this much longer than its script asks for is a hang that nothing inside noticed,
 such as a loop that never ends on the virtual clock."""
+
+
+_PATIENCE = 5
+"""How much longer a play may last, in limits, while the host gives its worker no core."""
 
 
 class WorkerBroken(Exception):
@@ -209,7 +214,8 @@ class _Watch:
                 self._kill(f"the process has not run for {self._pool._silence_s:.0f} s")
                 return
             late = [key for key, begun in self._begun.items() if now - begun > self._limit(key)]
-            if late:
+            lost = any(now - self._begun[key] > _PATIENCE * self._limit(key) for key in late)
+            if late and (lost or not starves(self._process.pid)):
                 self.in_flight = {key: self.in_flight[key] for key in late}
                 self._kill("the play did not end")
                 return

@@ -87,6 +87,14 @@ def wait_patiently(clock: Clock, done: Signal, limit: int, patience_ns: int, pro
     return False
 
 
+def starves(process: int) -> bool:
+    """Whether some thread of that process stands without a core for a quarter of the next half second."""
+    before, begin = _waits(process), time.monotonic_ns()
+    time.sleep(_GLANCE_NS / 1e9)
+    lasted = time.monotonic_ns() - begin
+    return any(4 * (total - before.get(thread, 0)) >= lasted for thread, total in _waits(process).items())
+
+
 def _waits(process: int | str = "self") -> dict[str, int]:
     """By thread: how long it has been runnable but not running, ns (field 2 of its schedstat)."""
     found = {}

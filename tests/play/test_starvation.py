@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from nros_conformance.play.starvation import Watch, wait_patiently
+from nros_conformance.play.starvation import Watch, starves, wait_patiently
 from nros_conformance.rmw.clock import MS, MonotonicClock, VirtualClock
 from nros_conformance.trace.records import Starved
 
@@ -98,3 +98,13 @@ def test_on_a_virtual_clock_nothing_is_excused() -> None:
     limit = clock.now_ns() + 5 * MS
     assert not clock.run(lambda: wait_patiently(clock, clock.signal(), limit, 60_000 * MS, ["self"]))
     assert clock.now_ns() == limit
+
+
+@pytest.mark.parametrize(("waited", "answer"), [(0, False), (60_000 * MS, True)])
+def test_a_process_whose_threads_stand_without_a_core_starves(
+    monkeypatch: pytest.MonkeyPatch, waited: int, answer: bool
+) -> None:
+    monkeypatch.setattr("nros_conformance.play.starvation._GLANCE_NS", MS)
+    totals = iter([0, waited])
+    monkeypatch.setattr("nros_conformance.play.starvation._waits", lambda process: {"1": next(totals)})
+    assert starves(7) is answer
