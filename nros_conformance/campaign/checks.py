@@ -16,8 +16,10 @@ from nros_conformance.campaign.host import HostCheck, check_host
 from nros_conformance.campaign.selection import decide, proven
 from nros_conformance.judge.tolerances import LATE_FLOOR_NS
 from nros_conformance.play.faketime import INSTALL, find_faketime
+from nros_conformance.rmw.backtraces import find_debugger
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.declaration import Declaration
+from nros_conformance.rmw.loading import find_compiler
 from nros_conformance.suite.kinds import faults_needed
 from nros_conformance.suite.loader import Suites
 
@@ -72,6 +74,8 @@ class Probes:
     )
     child: Probe = dataclasses.field(default_factory=lambda: try_child)
     faketime: Callable[[], Path | None] = dataclasses.field(default_factory=lambda: find_faketime)
+    compiler: Callable[[], str] = dataclasses.field(default_factory=lambda: find_compiler)
+    debugger: Callable[[], str] = dataclasses.field(default_factory=lambda: find_debugger)
 
 
 def host_checks(host: HostCheck, suites: Suites, rows: Sequence[Declaration], probes: Probes) -> list[Check]:
@@ -81,7 +85,15 @@ def host_checks(host: HostCheck, suites: Suites, rows: Sequence[Declaration], pr
         *(check_loopback(name, probe(), rows) for name, probe in probes.loopback.items()),
         check_child(probes.child(), suites, rows),
         check_faketime(probes.faketime(), suites, rows),
-    ]
+        check_compiled(
+            "compiler", probes.compiler(), "run --native --headers cannot compare the layout of your headers",
+            "apt install gcc",
+        ),
+        check_compiled(
+            "debugger", probes.debugger(), "run --native cannot say where a library crashed",
+            "apt install gdb",
+        ),
+    ]  # fmt: skip
 
 
 def check_lateness(host: HostCheck, rows: Sequence[Declaration]) -> Check:
@@ -128,6 +140,13 @@ def check_faketime(library: Path | None, suites: Suites, rows: Sequence[Declarat
         "libfaketime", "missing", costs=evidence_lost(CLOCK_FAULTS, suites, rows),
         remedy=(INSTALL, *_besides(CLOCK_FAULTS, suites, rows)),
     )  # fmt: skip
+
+
+def check_compiled(name: str, tool: str, costs: str, remedy: str) -> Check:
+    """What is used for compiled backends alone; they are played without it."""
+    if tool:
+        return Check(name, "ok", tool, group="compiled backends")
+    return Check(name, "missing", costs=costs, remedy=(remedy,))
 
 
 def evidence_lost(faults: Iterable[str], suites: Suites, rows: Sequence[Declaration]) -> str:

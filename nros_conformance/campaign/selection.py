@@ -14,8 +14,8 @@ from nros_conformance.suite.injections import injectable
 from nros_conformance.suite.kinds import claims_needed, faults_needed
 from nros_conformance.suite.loader import Loaded, Suites
 from nros_conformance.suite.policies import unsupported
-from nros_conformance.suite.schema import PROFILES, Profile
-from nros_conformance.suite.walk import expectations
+from nros_conformance.suite.schema import PROFILES, Profile, Scenario, Session
+from nros_conformance.suite.walk import expectations, session_of
 
 
 class SelectionError(Exception):
@@ -95,6 +95,9 @@ def decide(one: Loaded, declaration: Declaration, unavailable: Mapping[str, str]
             return Decision("not-applicable", f"{name} asks for {lacking[0]}, which is declared unsupported")
     if scenario.needs.clock not in ("any", declaration.behaviour.clock):
         return Decision("not-applicable", f"needs the {scenario.needs.clock} clock")
+    together = _sessions(scenario)
+    if together > 1 and declaration.behaviour.two_sessions == "second_fails":
+        return Decision("untested", f"needs {together} sessions in one process, where a second one fails")
     missing = sorted(fault for fault in faults_needed(scenario) if not injectable(fault, declaration.faults))
     if missing:
         return Decision("untested", f"the fault {missing[0]} cannot be injected here")
@@ -108,6 +111,12 @@ def proven(one: Loaded) -> tuple[str, ...]:
     """The requirements that its expectations name, in order, once each."""
     ids = (id_ for _, expectation in expectations(one.scenario) for id_ in expectation.requirements)
     return tuple(dict.fromkeys(ids))
+
+
+def _sessions(scenario: Scenario) -> int:
+    """How many share the process of the play."""
+    named = {*scenario.sessions, *(session_of(entity) for entity in scenario.entities.values())}
+    return sum(scenario.sessions.get(name, Session()).process != "own" for name in named)
 
 
 def _declares(declared: object, wanted: object) -> bool:

@@ -40,6 +40,10 @@ def arguments(command: argparse.ArgumentParser, *, required: bool = False) -> No
     group.add_argument(
         "--sessions", type=int, default=0, metavar="N", help="at once in a process; default: as declared, else 8"
     )
+    group.add_argument(
+        "--group", type=int, default=0, metavar="N",
+        help="scenarios that one process plays before a fresh one takes over; default: all",
+    )  # fmt: skip
 
 
 def load(options: argparse.Namespace) -> Loaded:

@@ -31,7 +31,7 @@ class ProgressLine:
             self._stream.flush()
         elif now - self._shown >= EVERY_S:
             self._shown = now
-            print(self._text(), file=self._stream, flush=True)
+            print(self._plain(), file=self._stream, flush=True)  # a log has no use for bars
 
     def clear(self) -> None:
         """Make room for other output."""
@@ -42,11 +42,13 @@ class ProgressLine:
 
     def _fitting(self, columns: int) -> str:
         """What one line of the terminal holds: a longer one would not be renewed but repeated."""
-        rows = self._rows.items()
-        plain = "   ".join(f"{row} {done}/{total}" + _failed(failures) for row, (done, total, failures) in rows)
         done, total, failures = (sum(column) for column in zip(*self._rows.values(), strict=True))
-        short = f"{len(rows)} rows {done}/{total}" + _failed(failures)
-        return next((text for text in (self._text(), plain) if len(text) <= columns), short[:columns])
+        short = f"{len(self._rows)} rows {done}/{total}" + _failed(failures)
+        return next((text for text in (self._text(), self._plain()) if len(text) <= columns), short[:columns])
+
+    def _plain(self) -> str:
+        rows = self._rows.items()
+        return "   ".join(f"{row} {done}/{total}" + _failed(failures) for row, (done, total, failures) in rows)
 
     def _text(self) -> str:
         parts = []

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     chosen = selection.choose(suites)
     if options.known is not None and len(options.backend) + bool(options.native) != 1:
         raise SelectionError("a list of known failures is about one backend; name it: --backend NAME --known FILE")
-    launch = _launch(options)
+    hints, launch = repeated(options), _launch(options)
     if launch.debug:
         options.results = Path(tempfile.mkdtemp(prefix="nros-conformance-debug-"))
     backends, codes = _backends(options.backend) if options.backend or not options.native else ([], [])
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         for one in runs:
             row = one.row
             say(terminal.row_line(row.name, row.declaration, row.versions, row.virtual, one.total, len(chosen), width))
-        reports, interrupted = _play(runs, suites, say, repeated(options))
+        reports, interrupted = _play(runs, suites, say, hints)
     if interrupted:
         codes.append(ExitCode.INTERRUPTED)
     if options.json:
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.junit.parent.mkdir(parents=True, exist_ok=True)
         options.junit.write_bytes(junit(reports, {one.id: one for one in suites.requirements}))
     apart = [one.row.name for one in runs if one.results != options.results]
-    say(terminal.closing(reports, suites.levels, options.results, selection, apart, repeated(options)))
+    say(terminal.closing(reports, suites.levels, options.results, selection, apart, hints))
     if launch.wrap and not launch.debug:
         say("wrapped  " + ", ".join(f"{one.folder}/worker.log" for one in runs))
     code = strongest(codes)
@@ -194,7 +194,7 @@ def _check_options(options: argparse.Namespace, backends: Sequence[Found]) -> No
 
 
 def _launch(options: argparse.Namespace) -> Launch:
-    launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug)
+    launch = Launch(wrap=tuple(shlex.split(options.wrap)), debug=options.debug, group=options.group)
     return dataclasses.replace(launch, debug=launch.debug or launch.interactive)
 
 

@@ -31,16 +31,22 @@ def _answers(played: Cycles, expected: schema.Cycles) -> Judged:
 
 
 def _amount(played: Cycles, expected: schema.Cycles) -> Judged:
+    what, unit = f"{expected.of} counts", str(expected.event)
     if expected.sampled is not None:
-        what, found = f"{expected.sampled} takes", played.received.get(expected.sampled, [0, 0])
-        unit = "samples"
-    else:
-        what, found = f"{expected.of} counts", played.events.get(f"{expected.of}/{expected.event}", [0, 0])
-        unit = str(expected.event)
+        what, unit = f"{expected.sampled} takes", "samples"
     wanted = f"{what} at least {expected.at_least} {unit} in each cycle"
-    few, many = found
+    few, many = amount(played, expected)
     got = f"{few} to {many} in {played.times} cycles" if few != many else f"{few} in each of {played.times} cycles"
     return Judged("pass" if few >= expected.at_least else "fail", wanted, got, at=played.begin)
+
+
+def amount(played: Cycles, expected: schema.Cycles) -> tuple[int, int]:
+    """The fewest and the most samples or events in a cycle."""
+    if expected.sampled is not None:
+        few, many = played.received.get(expected.sampled, [0, 0])
+    else:
+        few, many = played.events.get(f"{expected.of}/{expected.event}", [0, 0])
+    return few, many
 
 
 def _times(count: int) -> str:

@@ -232,10 +232,10 @@ def _total(index: Index, expected: schema.Total, entity: str, at: Interval, leas
     sure = sum(seen.change for seen in events if seen.when.hi <= at.lo)
     possible = sum(seen.change for seen in events if seen.when.lo <= at.hi)
     session = index.session_of(entity)
-    judged = Judged("pass", wanted, _sum(sure), at=at.lo)
+    judged = Judged("pass", wanted, _sum(sure, events), at=at.lo)
     if most is not None and possible > most:
         culprit = _reaching(events, most + 1)
-        got = _sum(sure) if sure > most else f"total {sure} to {possible}"
+        got = _sum(sure, events) if sure > most else f"total {sure} to {possible}"
         judged = Judged(
             decide(sure > most, True), wanted, f"{got}; {shown(index, culprit)}" if culprit else got,
             at=culprit.when.hi if culprit else None, surplus=(sure if sure > most else possible) - most,
@@ -261,7 +261,7 @@ def _too_few(
     call = call_of(index, expected.at, session)
     missed = drives.surely(position, when) >= needed or (call is not None and call < position)
     certain = possible < least and missed
-    got = _sum(possible) if possible == sure else f"total {sure} to {possible}"
+    got = _sum(possible, events) if possible == sure else f"total {sure} to {possible}"
     late = filling.when.hi - at.hi if filling else None
     if filling is not None and late is not None:
         got += f"; {shown(index, filling)}, {miss(late, perhaps=not certain)}"
@@ -280,5 +280,12 @@ def _reaching(events: Sequence[Seen], number: int) -> Seen | None:
     return None
 
 
-def _sum(number: int) -> str:
+def _sum(number: int, events: Sequence[Seen]) -> str:
+    """The total. Changes whose sum is another number than the total that came with them are no total."""
+    reached = 0
+    for seen in events:
+        reached += seen.change
+        if reached == number:
+            told = seen.event.status.get("total_count", number)
+            return f"total {number}" if told == number else f"changes that add up to {number}"
     return f"total {number}"

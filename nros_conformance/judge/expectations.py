@@ -13,7 +13,7 @@ from nros_conformance.judge.moments import NoSuchMoment
 from nros_conformance.judge.results import Outcome
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite import schema
-from nros_conformance.trace.records import Act
+from nros_conformance.trace.records import Act, Cycles
 
 _Of: TypeAlias = str | list[str]
 _Entry: TypeAlias = tuple[Callable[[Any], str], Callable[[Index, Any], Judged]]
@@ -73,7 +73,17 @@ def judge_part(index: Index, part: schema.Base) -> Judged:
         judged = JUDGES[type(part)][1](index, part)
     except NoSuchMoment as missing:
         return Judged("none", got=str(missing))
+    if isinstance(part, schema.Cycles) and (played := _now_and_then(index, part)) is not None:
+        return _unless_starved(index, judged, played.begin, played.end)
     return _unless_starved(index, judged) if isinstance(part, TIMED) or _arrival(index, part) else judged
+
+
+def _now_and_then(index: Index, part: schema.Cycles) -> Cycles | None:
+    """The cycles, when enough came within some of them, as a backend does that was only late in the others."""
+    played = index.cycles.get(part.cycles)
+    if played is None or part.step is not None:
+        return None
+    return played if cycles.amount(played, part)[1] >= part.at_least else None
 
 
 def _arrival(index: Index, part: schema.Base) -> bool:
@@ -89,15 +99,21 @@ def _arrival(index: Index, part: schema.Base) -> bool:
 
 
 def _tells_arrival(act: Act) -> bool:
+    if act.op in ("create", "destroy"):
+        return bool(act.result == ReturnCode.TIMEOUT)  # the peer's answer has not come
     came = isinstance(act.result, int) and (act.result >= 0 or act.result in (ReturnCode.NO_DATA, ReturnCode.TIMEOUT))
     return act.op in ARRIVAL and came
 
 
-def _unless_starved(index: Index, judged: Judged) -> Judged:
-    """Unclear instead of failed, when threads of the backend had no core for longer than what is judged exactly."""
+def _unless_starved(index: Index, judged: Judged, since: int | None = None, until: int | None = None) -> Judged:
+    """Unclear instead of failed, when threads of the backend had no core for longer than what is judged exactly.
+
+    Within the T before the failure, or from ``since`` to ``until``.
+    """
     if judged.outcome != "fail" or judged.at is None:
         return judged
-    waited = index.starvation(judged.at - index.quantities["T"] - index.late, judged.at)
+    until = judged.at if until is None else until
+    waited = index.starvation(until - index.quantities["T"] - index.late if since is None else since, until)
     if waited <= index.early:
         return judged
     why = f"threads of the backend had to wait {milliseconds(waited)} for a core meanwhile"

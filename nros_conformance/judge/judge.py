@@ -20,6 +20,7 @@ from nros_conformance.judge.index import Index, MissingQuantity
 from nros_conformance.judge.invariants import INVARIANTS
 from nros_conformance.judge.results import Finding, Verdict, VerdictName
 from nros_conformance.judge.standing import answered
+from nros_conformance.judge.unopened import why_unopened
 from nros_conformance.suite.loader import typed
 from nros_conformance.trace.records import End, Trace
 
@@ -48,6 +49,9 @@ def judge(trace: Trace) -> Verdict:
     implied = [_excused(one, levels, None, index) for one in implied]
     findings = (*conditions, *expected, *implied)
     name, reason = _verdict(end, unmet, expected, implied, levels)
+    failed = any(one.outcome == "fail" for one in findings)
+    if name == "fail" and not failed and end is not None and (why := why_unopened(index, end)):
+        name, reason = "inconclusive", f"{reason}; {why}"
     warnings = tuple(
         _told(one) for one in (*expected, *implied) if one.outcome == "fail" and _level(one, levels) != "must"
     )

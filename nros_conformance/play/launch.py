@@ -20,12 +20,14 @@ class Launch:
     """What stands around a worker.
 
     ``wrap``: a command before its own. ``debug``: somebody watches, so that it has the terminal, plays one
-    scenario at a time and is never late. ``debugger``: looks at crashes; empty for none.
+    scenario at a time and is never late. ``debugger``: looks at crashes; empty for none. ``group``: the scenarios
+    that one process plays before a fresh one takes over; 0 for all.
     """
 
     wrap: tuple[str, ...] = ()
     debug: bool = False
     debugger: str = ""
+    group: int = 0
 
     @property
     def patience(self) -> float:

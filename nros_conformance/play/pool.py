@@ -26,7 +26,7 @@ from nros_conformance.play.autopsy import autopsy
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.processes import death
-from nros_conformance.play.starvation import starves
+from nros_conformance.play.starvation import crowding
 from nros_conformance.play.wire import Beat, Broken, Finished, Job, Started, decode_report, encode
 from nros_conformance.trace.files import TraceWriter
 from nros_conformance.trace.records import End
@@ -45,10 +45,6 @@ longest silence of a healthy worker on an overloaded host was 1.1 s in our measu
 PLAY_LIMIT_S = 60.0
 """A play that lasts this much longer than its script asks for is a hang that nothing inside noticed,
 such as a loop that never ends on the virtual clock."""
-
-
-_PATIENCE = 5
-"""How much longer a play may last, in limits, while the host gives its worker no core."""
 
 
 class WorkerBroken(Exception):
@@ -106,7 +102,7 @@ class Pool:
         """
         pending = [msgspec.structs.replace(plan, network=place) for plan in plans]
         while pending and not self._stopped.is_set():
-            done, suspects = self._session(pending, concurrency)
+            done, suspects = self._session(pending[: self._launch.group or None], concurrency)
             if len(suspects) > 1:
                 for plan in suspects:
                     self._session([plan], 1)
@@ -214,15 +210,14 @@ class _Watch:
                 self._kill(f"the process has not run for {self._pool._silence_s:.0f} s")
                 return
             late = [key for key, begun in self._begun.items() if now - begun > self._limit(key)]
-            lost = any(now - self._begun[key] > _PATIENCE * self._limit(key) for key in late)
-            if late and (lost or not starves(self._process.pid)):
+            if late:
                 self.in_flight = {key: self.in_flight[key] for key in late}
                 self._kill("the play did not end")
                 return
 
     def _limit(self, key: str) -> float:
         plan = self._plans[key]
-        return plan.expected_ns / 1e9 * (0 if self._pool._virtual else 4) + self._pool._play_limit_s
+        return plan.expected_ns / 1e9 * (0 if self._pool._virtual else 4) + self._pool._play_limit_s * crowding()
 
     def _hear(self, line: bytes, now: float) -> None:
         match decode_report(line):

@@ -20,6 +20,14 @@ _WORTH_NS = 2 * MS
 _GLANCE_NS = 500 * MS
 """Over which it is decided whether threads get their cores."""
 
+_MOST_CROWDED = 10.0
+
+
+def crowding() -> float:
+    """How many times longer work may take than it should, by the load of the last minute: 1 to 10."""
+    return min(max(os.getloadavg()[0] / (2 * (os.cpu_count() or 1)), 1.0), _MOST_CROWDED)
+
+
 Note = Callable[[Starved], None]
 
 
@@ -30,21 +38,26 @@ class Watch:
         self._notes: list[Note] = []
         self._lock = threading.Lock()
         self._waited: dict[str, int] = {}
+        self._looked = 0
 
     def start(self) -> None:
         """Look from now on, until the process ends."""
-        self._waited = _waits()
+        self._waited, self._looked = _waits(), time.monotonic_ns()
         threading.Thread(target=self._loop, name="starvation", daemon=True).start()
 
     @contextmanager
     def telling(self, note: Note) -> Iterator[None]:
-        """Have ``note`` called with each record, meanwhile."""
+        """Have ``note`` called with each record, meanwhile.
+
+        There is a last look at the end: what a play waited for just before would come to light after it.
+        """
         with self._lock:
             self._notes.append(note)
         try:
             yield
         finally:
             with self._lock:
+                self._tell()
                 self._notes.remove(note)
 
     def look(self, begin: int) -> Starved | None:
@@ -55,15 +68,18 @@ class Watch:
         return Starved(begin=begin, end=time.monotonic_ns(), wait=longest) if longest >= _WORTH_NS else None
 
     def _loop(self) -> None:
-        begin = time.monotonic_ns()
         while True:
             time.sleep(LOOK_S)
-            record = self.look(begin)
-            begin = time.monotonic_ns()
-            if record is not None:
-                with self._lock:
-                    for note in self._notes:
-                        note(record)
+            with self._lock:
+                self._tell()
+
+    def _tell(self) -> None:
+        """Look, and tell everybody; with the lock."""
+        record = self.look(self._looked)
+        self._looked = time.monotonic_ns()
+        if record is not None:
+            for note in self._notes:
+                note(record)
 
 
 def wait_patiently(clock: Clock, done: Signal, limit: int, patience_ns: int, processes: Sequence[int | str]) -> bool:
@@ -85,14 +101,6 @@ def wait_patiently(clock: Clock, done: Signal, limit: int, patience_ns: int, pro
         if 4 * max(waited, default=0) < lasted:
             return False
     return False
-
-
-def starves(process: int) -> bool:
-    """Whether some thread of that process stands without a core for a quarter of the next half second."""
-    before, begin = _waits(process), time.monotonic_ns()
-    time.sleep(_GLANCE_NS / 1e9)
-    lasted = time.monotonic_ns() - begin
-    return any(4 * (total - before.get(thread, 0)) >= lasted for thread, total in _waits(process).items())
 
 
 def _waits(process: int | str = "self") -> dict[str, int]:

@@ -17,6 +17,7 @@ import pytest
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.selection import Decision, decide, proven
 from nros_conformance.plugin.background import NotPlayed, Settled
+from nros_conformance.report.applicability import GROUP_KINDS
 from nros_conformance.report.evidence import proofs_of
 from nros_conformance.report.explain import explain_scenario
 from nros_conformance.report.known import concerns, in_force
@@ -52,11 +53,31 @@ class Subject:
     chosen: tuple[Loaded, ...]
     suites: Suites
     verdicts: Verdicts
+    tables: Mapping[str, int]
+    """The line of each table in `file`, from 0."""
 
     @property
     def requirements(self) -> Mapping[str, Requirement]:
         """By id."""
         return {one.id: one for one in self.suites.requirements}
+
+    def line_of(self, one: Loaded) -> int:
+        """Of the table of the declaration that a scenario is about, from 0; the first line when there is none."""
+        wanted = [f"events.{one.scenario.refusal}"] if one.scenario.refusal else []
+        for id_ in proven(one):
+            group = id_.partition("-")[0]
+            wanted.append(f"events.{GROUP_KINDS[group].label}" if group in GROUP_KINDS else _TABLES.get(group, ""))
+        return next((self.tables[name] for name in wanted if name in self.tables), 0)
+
+
+_TABLES = {"CON": "connection", "QOS": "qos"}
+"""Tables of the declaration, by groups of requirements."""
+
+
+def tables_of(file: Path) -> dict[str, int]:
+    """The line of each table of a declaration, from 0."""
+    lines = enumerate(file.read_text(encoding="utf-8").splitlines())
+    return {line.strip()[1:].partition("]")[0]: number for number, line in lines if line.startswith("[")}
 
 
 class SubjectFile(pytest.File):
@@ -74,8 +95,8 @@ class SubjectFile(pytest.File):
             yield collector
 
 
-class RowCollector(pytest.Collector):
-    """A backend in one of several variants."""
+class RowCollector(pytest.Class):
+    """A backend in one of several variants. IDEs show a level of their own for classes, and for nothing else."""
 
     subject: Subject
     row: Row
@@ -114,6 +135,7 @@ class ScenarioItem(pytest.Item):
         self.decision = decide(one, row.declaration, row.lacking)
         self.add_marker(pytest.mark.nros)
         self.add_marker(pytest.mark.suite(name=one.suite))
+        self.user_properties.append(("scenario", one.source))
         for id_ in proven(one):
             level = subject.suites.levels[id_]
             self.add_marker(pytest.mark.requirement(id=id_, level=level))
@@ -122,10 +144,9 @@ class ScenarioItem(pytest.Item):
             self.user_properties.append(("requirement", id_))
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """Where the scenario stands."""
-        file, _, line = self.loaded.source.rpartition(":")
+        """Where the declaration says what is judged: a line of `path`, since IDEs take it for one."""
         # pytest takes a name that its id ends with for one of Python, and prints its dots as ::
-        return self.subject.suites.directory.parent / file, int(line) - 1, f"{self.row.name} {self.name}"
+        return self.path, self.subject.line_of(self.loaded), f"{self.row.name} {self.name}"
 
     def runtest(self) -> None:
         if self.decision.status != "play":
@@ -156,10 +177,9 @@ class ScenarioItem(pytest.Item):
         return _plain(excinfo) or super().repr_failure(excinfo)
 
     def _warn(self, text: str) -> None:
-        file, line, _ = self.reportinfo()
-        warnings.warn_explicit(
-            ShouldViolation(f"{self.row.name} {self.name}: {text}"), None, str(file), (line or 0) + 1
-        )
+        file, _, line = self.loaded.source.rpartition(":")
+        place = self.subject.suites.directory.parent / file
+        warnings.warn_explicit(ShouldViolation(f"{self.row.name} {self.name}: {text}"), None, str(place), int(line))
 
     def _told(self, settled: Settled) -> str:
         """Requirement, script, timeline and judgement, as ``explain`` shows them."""

@@ -15,7 +15,7 @@ from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.campaign.selection import Selection
 from nros_conformance.formats.places import FormatError
 from nros_conformance.plugin.background import Background, NotPlayed, Share, gather
-from nros_conformance.plugin.items import ScenarioItem, Subject, SubjectFile, select
+from nros_conformance.plugin.items import ScenarioItem, Subject, SubjectFile, select, tables_of
 from nros_conformance.rmw.discovery import BackendNotFound, Found
 from nros_conformance.suite.loader import Suites, load_suites
 
@@ -93,7 +93,8 @@ class Conformance:
         if known is not None:
             declaration = with_known(declaration, known, self.suites)
         rows = tuple(rows_of(found, declaration, name if ":" in name else ""))
-        return Subject(Path(found.origin).resolve(), rows, chosen, self.suites, self.background)
+        file = Path(found.origin).resolve()
+        return Subject(file, rows, chosen, self.suites, self.background, tables_of(file))
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:

@@ -51,7 +51,10 @@ SUBJECTS: Mapping[str, str] = {
     "library": "the real middleware under an adapter of this project",
     "protocol": "this project's own implementation, both ends, held to recordings of the original",
     "model": "this project's model of the bus, held to recordings",
-    "compiled": "a compiled nano-ros backend, called through its vtable",
+    "compiled": (
+        "a compiled nano-ros backend, called through its vtable; C has no unregister, so what LIF-003 sees released is "
+        "let go by the adapter, and a backend that still calls it fails DSP-004"
+    ),
     "device": "a backend on a device",
 }
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -72,3 +74,9 @@ def find_loader(kind: str) -> Loader:
     raise LibraryError(
         f"no loader for {kind} libraries is installed; run: pip install -e . (entry points exist only once installed)"
     )
+
+
+def find_compiler() -> str:
+    """The C compiler that a loader may use: ``$CC``, else the first of the usual ones; empty when there is none."""
+    named = os.environ.get("CC", "")
+    return next(filter(None, (shutil.which(name) for name in (named, "cc", "gcc", "clang") if name)), "")

@@ -86,6 +86,19 @@ def test_a_declared_field_with_another_value_makes_a_scenario_not_applicable(sui
     )  # fmt: skip
 
 
+def test_a_second_session_that_fails_leaves_scenarios_with_two_untested(suites: Suites) -> None:
+    declaration = find_backend("reference").declaration
+    assert declaration is not None
+    single = msgspec.structs.replace(
+        declaration, behaviour=msgspec.structs.replace(declaration.behaviour, two_sessions="second_fails")
+    )
+    decision = decide(one(suites, "reg.raises-message-lost"), single)
+    assert (decision.status, decision.reason) == (
+        "untested", "needs 2 sessions in one process, where a second one fails",
+    )  # fmt: skip
+    assert decide(one(suites, "rob.stale-subscription[gone=entity]"), single).status == "play"
+
+
 def test_plans_carry_scale_tolerances_and_everything_that_judging_needs(suites: Suites) -> None:
     declaration = find_backend("cyclone").declaration
     assert declaration is not None

@@ -43,12 +43,16 @@ WELL = Probes(
     loopback={"UDP": lambda: "", "UDP multicast on lo": lambda: "", "TCP": lambda: ""},
     child=lambda: "",
     faketime=lambda: Path("/usr/lib/faketime/libfaketime.so.1"),
+    compiler=lambda: "/usr/bin/cc",
+    debugger=lambda: "/usr/bin/gdb",
 )
 ILL = Probes(
     lateness=lambda: replace(CALM, cores=1, worst_ms=80.0),
     loopback={"UDP": lambda: "", "UDP multicast on lo": lambda: "No such device", "TCP": lambda: "timed out"},
     child=lambda: "a child process is not stopped by SIGSTOP",
     faketime=lambda: None,
+    compiler=lambda: "",
+    debugger=lambda: "",
 )
 
 
@@ -180,6 +184,7 @@ def test_the_whole_of_a_host_that_is_well(suites: Suites, tmp_path: Path) -> Non
         "  ok       loopback: UDP, UDP multicast on lo, TCP\n"
         "  ok       a child process can be stopped, continued and killed\n"
         "  ok       libfaketime: /usr/lib/faketime/libfaketime.so.1\n"
+        "  ok       compiled backends: /usr/bin/cc, /usr/bin/gdb\n"
         "\n"
         "backends\n"
         "  ready    reference     the control of every run, virtual clock\n"
@@ -197,7 +202,7 @@ def test_the_whole_of_a_host_that_lacks_everything(suites: Suites) -> None:
     assert code is ExitCode.NOTHING
     lines = text.splitlines()
     assert max(map(len, lines)) <= 96
-    assert lines[2:18] == [
+    assert lines[2:23] == [
         "host     1 core",
         "  slow     lateness      a sleeping thread wakes 0.3 ms late, 80.0 ms at worst over 2 s; more",
         "                         than 30 ms leaves scenarios unclear on own",
@@ -214,6 +219,11 @@ def test_the_whole_of_a_host_that_lacks_everything(suites: Suites) -> None:
         "                         seccomp profile",
         "  missing  libfaketime   RDM-006 stays unexercised on own",
         "                         apt install libfaketime",
+        "                         not enough by itself: the fault clock_step cannot be injected here",
+        "  missing  compiler      run --native --headers cannot compare the layout of your headers",
+        "                         apt install gcc",
+        "  missing  debugger      run --native cannot say where a library crashed",
+        "                         apt install gdb",
     ]
     begin = lines.index("backends")
     assert lines[begin : begin + 6] == [

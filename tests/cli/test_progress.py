@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 
 import pytest
 
@@ -39,3 +40,15 @@ def test_without_a_terminal_it_is_silent_at_first() -> None:
     line.update("can", 5, 10, failed=False)
     line.clear()
     assert stream.getvalue() == ""
+
+
+def test_in_a_log_it_is_a_line_without_bars_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    stream = io.StringIO()
+    line = ProgressLine(stream)
+    line.update("can", 5, 10, failed=True)
+    now[0] += 10
+    line.update("uorb", 7, 7, failed=False)
+    line.update("uorb", 7, 7, failed=False)
+    assert stream.getvalue() == "can 5/10  1 FAIL   uorb 7/7\n"

@@ -60,9 +60,9 @@ def test_the_page_of_the_suite_format_names_every_construct(what: str) -> None:
 
 def test_the_readme_and_the_badges_say_what_the_matrix_says() -> None:
     matrix, readme = ((ROOT / name).read_text(encoding="utf-8") for name in ("matrix.md", "README.md"))
-    again = "write them again: nros-conformance matrix --readme README.md --badges badges"
+    again = "write them again: nros-conformance matrix --readme README.md --badges docs/badges"
     assert _with_table(ROOT / "README.md", readme, matrix) == readme, again
-    assert list(stale(ROOT / "badges", matrix)) == [], again
+    assert list(stale(ROOT / "docs" / "badges", matrix)) == [], again
 
 
 def test_every_section_of_the_decisions_is_there_once_and_in_the_list_at_the_top() -> None:

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
@@ -20,6 +21,7 @@ from nros_conformance.formats.toml import read_toml
 from nros_conformance.formats.yaml12 import read_yaml
 from nros_conformance.judge.judge import judge
 from nros_conformance.scaffold.project import write_project
+from nros_conformance.suite.loader import load_suites
 from nros_conformance.trace.files import read_trace
 from nros_conformance.trace.records import AnyRecord, Header
 
@@ -110,7 +112,10 @@ def play(page: Path, place: Path) -> None:
             assert language in ("ini", "json"), f"nothing plays a block of {language}"
 
 
-@pytest.mark.parametrize("name", ["writing-a-backend", "writing-a-suite", "reading-the-matrix", "ci"])
+PLAYED = ("writing-a-backend", "writing-a-suite", "reading-the-matrix", "ci")
+
+
+@pytest.mark.parametrize("name", PLAYED)
 def test_the_examples_of_a_page_do_what_it_shows(name: str, tmp_path: Path) -> None:
     play(DOCS / f"{name}.md", tmp_path)
 
@@ -159,3 +164,27 @@ def test_the_trace_format_names_every_record_and_field() -> None:
     for tag, kind in kinds.items():
         named = set(re.findall(r"`(\w+)`", rows[tag]))
         assert set(kind.__struct_fields__) <= named, tag
+
+
+def test_the_examples_of_the_suite_format_can_be_played_as_they_stand(tmp_path: Path) -> None:
+    whole, part = (text for language, text, *_ in blocks(DOCS / "suites.md") if language == "yaml")
+    (tmp_path / "example.yaml").write_text(whole, encoding="utf-8")
+    suites = load_suites(tmp_path)
+    assert [one.key for one in suites.scenarios] == [
+        "rdm.silence-after-data[deadline=in-qos]", "rdm.silence-after-data[deadline=at-registration]",
+    ]  # fmt: skip
+    head = (
+        "suite: part\ntitle: A part\nscenarios:\n  - id: part.one\n    title: One\n"
+        "    entities: {talker: {publisher: a}, listener: {subscription: a, take: always}}\n    script:\n"
+    )
+    (tmp_path / "example.yaml").write_text(head + textwrap.indent(part, "    "), encoding="utf-8")
+    assert [one.key for one in load_suites(tmp_path).scenarios] == ["part.one"]
+
+
+PLAYED_ELSEWHERE = {"can", "native-backends", "suites", "trace-format"}
+"""Pages whose blocks have tests of their own, here or in tests/backends."""
+
+
+def test_no_page_has_a_block_that_nothing_plays() -> None:
+    pages = {page.stem for page in DOCS.glob("*.md") if any(blocks(page))}
+    assert pages == {*PLAYED, *PLAYED_ELSEWHERE}

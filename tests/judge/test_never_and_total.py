@@ -222,6 +222,14 @@ def test_the_last_of_calls_that_are_not_all_on_record_is_not_known() -> None:
     assert finding(expect | {"at": "back.first"}, first, outcome=None).outcome == "fail"
 
 
+def test_changes_that_add_up_to_another_number_are_no_total() -> None:
+    found = finding(TOTAL | {"is": 3}, spins(0, 50), counted(50, 1), counted(150, 3, 3), spins(150, 210), TWO)
+    assert (found.outcome, found.got) == (
+        "fail",
+        "changes that add up to 4; RequestedDeadlineMissed on listener: total 3 (+3) at 150.0 ms",
+    )
+
+
 def test_total_at_the_end_of_the_script() -> None:
     expect = {"total": RDM, "of": "listener", "is": 4}
     rest = step("rest", 0, 200)

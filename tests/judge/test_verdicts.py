@@ -6,8 +6,25 @@ import pytest
 
 from nros_conformance.judge.expectations import JUDGES
 from nros_conformance.judge.judge import judge
+from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite.schema import EXPECTATIONS, GIVENS
-from tests.judge.build import LISTENER, RDM, START, counted, finding, publish, register, spins, step, trace, verdict
+from nros_conformance.trace.records import Starved
+from tests.judge.build import (
+    LISTENER,
+    QUANTITIES,
+    RDM,
+    START,
+    counted,
+    finding,
+    ms,
+    publish,
+    register,
+    spins,
+    state,
+    step,
+    trace,
+    verdict,
+)
 
 SILENT = {"never": RDM, "of": "listener", "proves": "RDM-002"}
 ANSWERS = {"returns": "data", "is": ["OK"], "proves": "RDM-005"}
@@ -20,6 +37,28 @@ def test_all_holds() -> None:
     result = verdict([SILENT, ANSWERS], RECORDS)
     assert (result.verdict, result.reason, result.warnings) == ("pass", "", ())
     assert [one.outcome for one in result.findings if not one.implied] == ["pass", "pass"]
+
+
+@pytest.mark.parametrize(
+    ("code", "waited", "records", "name"),
+    [
+        (-2, 60, RECORDS, "inconclusive"),
+        (-18, 60, RECORDS, "inconclusive"),
+        (-2, 40, RECORDS, "fail"),
+        (-1, 60, RECORDS, "fail"),
+        (-2, 60, [*RECORDS, SPURIOUS], "fail"),
+    ],
+)
+def test_a_creation_that_nobody_answered_because_threads_had_no_core_is_no_failure_of_the_backend(
+    code: int, waited: int, records: list[Any], name: str
+) -> None:
+    said = "creating late answered TIMEOUT: no answer"
+    refused = state("refused", 300, "late", code=code, end=400)
+    starved = Starved(begin=ms(300), end=ms(400), wait=ms(waited) - ms(0))
+    result = verdict([SILENT, ANSWERS], records, refused, starved, outcome="raised", detail=said)
+    assert result.verdict == name
+    wait = f"; threads of the backend had to wait {waited} ms for a core meanwhile"
+    assert result.reason == f"the backend failed: {said}" + wait * (name == "inconclusive")
 
 
 def test_findings_stand_in_order_conditions_first() -> None:
@@ -48,6 +87,25 @@ def test_how_the_play_ended(outcome: str | None, records: list[Any], name: str, 
     result = verdict(SILENT, RECORDS, records, outcome=outcome, detail="signal 11")
     assert (result.verdict, result.reason) == (name, reason)
     assert not any(one.outcome == "pass" for one in result.findings)
+
+
+@pytest.mark.parametrize(
+    ("detail", "wait", "lease", "name"),
+    [
+        ("creating talker answered CONNECTION_FAILED: no router", 300, 500, "inconclusive"),
+        ("creating talker answered CONNECTION_FAILED: no router", 200, 500, "fail"),
+        ("creating talker answered CONNECTION_FAILED: no router", 300, 0, "fail"),
+        ("creating talker answered ERROR: no router", 300, 500, "fail"),
+    ],
+)
+def test_a_connection_lost_while_threads_had_no_core_is_unclear(detail: str, wait: int, lease: int, name: str) -> None:
+    starved = Starved(begin=ms(100), end=ms(500), wait=ms(wait) - ms(0))
+    code = ReturnCode[detail.split()[3].rstrip(":")]
+    refused = state("refused", 520, "talker", code=code, end=530)
+    quantities = {**QUANTITIES, "connection_lease": ms(lease) - ms(0)}
+    found = verdict(SILENT, RECORDS, starved, refused, outcome="raised", detail=detail, quantities=quantities)
+    why = "; threads of the backend had to wait 300 ms for a core meanwhile" if name == "inconclusive" else ""
+    assert (found.verdict, found.reason) == (name, f"the backend failed: {detail}{why}")
 
 
 def test_a_play_that_ended_without_a_word() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import msgspec
@@ -8,8 +9,10 @@ import pytest
 from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.selection import Selection
 from nros_conformance.judge.judge import judge
+from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.pool import Casualty, Ended, Pool, WorkerBroken
+from nros_conformance.play.starvation import crowding
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.declaration import load_declaration
 from nros_conformance.suite.loader import load_suites
@@ -39,13 +42,14 @@ class Play:
     """Plays in worker processes and remembers all that was said."""
 
     def __init__(
-        self, folder: Path, *, virtual: bool = False, silence_s: float = 20.0, play_limit_s: float = 60.0
-    ) -> None:
+        self, folder: Path, *, virtual: bool = False, silence_s: float = 20.0, play_limit_s: float = 60.0,
+        launch: Launch = PLAIN,
+    ) -> None:  # fmt: skip
         self.ended: dict[str, Ended] = {}
         self.casualties: list[Casualty] = []
         self.pool = Pool(
             folder / "worker.log", virtual=virtual, ended=self.hear, casualty=self.casualties.append,
-            silence_s=silence_s, play_limit_s=play_limit_s,
+            silence_s=silence_s, play_limit_s=play_limit_s, launch=launch,
         )  # fmt: skip
 
     def hear(self, ended: Ended) -> None:
@@ -65,6 +69,14 @@ def test_a_healthy_backend_has_no_casualties(tmp_path: Path) -> None:
     play.pool.play(plans("Healthy", tmp_path), 3)
     assert play.reasons() == dict.fromkeys((*FINE, BREAKS), "")
     assert play.casualties == []
+
+
+@pytest.mark.parametrize(("group", "processes"), [(0, 1), (1, 3), (2, 2)])
+def test_a_process_plays_as_many_scenarios_as_it_may(tmp_path: Path, group: int, processes: int) -> None:
+    play = Play(tmp_path, launch=Launch(group=group))
+    play.pool.play(plans("SaysWhereItIs", tmp_path), 3)
+    assert play.reasons() == dict.fromkeys((*FINE, BREAKS), "")
+    assert len(set((tmp_path / "worker.log").read_text(encoding="utf-8").splitlines())) == processes
 
 
 @pytest.mark.parametrize("at_once", [1, 3])
@@ -152,3 +164,12 @@ def test_a_stopped_pool_ends_its_workers_and_keeps_what_was_played(tmp_path: Pat
     play.pool.stop()
     play.pool.play(plans("Healthy", tmp_path), 3)
     assert play.ended == {}
+
+
+def test_a_play_has_longer_on_a_crowded_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for load in (0.0, 8.0, 80.0, 4_000.0):
+        monkeypatch.setattr(os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+        monkeypatch.setattr(os, "cpu_count", lambda: 2)
+        found.append(crowding())
+    assert found == [1.0, 2.0, 10.0, 10.0]

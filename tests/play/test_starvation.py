@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from nros_conformance.play.starvation import Watch, starves, wait_patiently
+from nros_conformance.play.starvation import Watch, wait_patiently
 from nros_conformance.rmw.clock import MS, MonotonicClock, VirtualClock
 from nros_conformance.trace.records import Starved
 
@@ -56,6 +56,20 @@ def test_who_listens_is_told_until_it_has_finished(monkeypatch: pytest.MonkeyPat
     assert len(told) == count
 
 
+def test_what_was_waited_for_just_before_the_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    schedstat(monkeypatch, {"1": 0}, {"1": 0, "2": 40 * MS}, {"1": 0, "2": 40 * MS})
+    monkeypatch.setattr("nros_conformance.play.starvation.LOOK_S", 3600.0)
+    watch, told = Watch(), list[Starved]()
+    watch.start()
+    with watch.telling(told.append):
+        assert told == []
+    assert [one.wait for one in told] == [40 * MS]
+    assert told[0].begin <= told[0].end
+    with watch.telling(told.append):
+        pass
+    assert len(told) == 1
+
+
 def test_sleeping_is_no_waiting() -> None:
     watch = Watch()
     sleeper = threading.Thread(target=time.sleep, args=(0.05,))
@@ -98,13 +112,3 @@ def test_on_a_virtual_clock_nothing_is_excused() -> None:
     limit = clock.now_ns() + 5 * MS
     assert not clock.run(lambda: wait_patiently(clock, clock.signal(), limit, 60_000 * MS, ["self"]))
     assert clock.now_ns() == limit
-
-
-@pytest.mark.parametrize(("waited", "answer"), [(0, False), (60_000 * MS, True)])
-def test_a_process_whose_threads_stand_without_a_core_starves(
-    monkeypatch: pytest.MonkeyPatch, waited: int, answer: bool
-) -> None:
-    monkeypatch.setattr("nros_conformance.play.starvation._GLANCE_NS", MS)
-    totals = iter([0, waited])
-    monkeypatch.setattr("nros_conformance.play.starvation._waits", lambda process: {"1": next(totals)})
-    assert starves(7) is answer

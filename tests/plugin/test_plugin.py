@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from nros_conformance.cli.main import main
 from nros_conformance.report.results import read_report
+from nros_conformance.suite.loader import load_suites
 from tests.plugin.conftest import declaration
 
 pytest_plugins = ["pytester"]
@@ -103,15 +105,75 @@ def test_a_violation_is_told_by_its_timeline_and_nothing_else(author: pytest.Pyt
 
 def test_the_command_says_the_same(author: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(author.path)
-    run(author, "--nros-backend", TWICE)
+    outcomes = {
+        report.nodeid.partition("::")[2]: report.outcome
+        for report in run(author, "--nros-backend", TWICE).reprec.getreports("pytest_runtest_logreport")  # type: ignore[attr-defined]
+        if report.when == "call"
+    }
+    assert outcomes.pop("declaration") == "passed"
     assert main(["run", "--backend", TWICE, "--suites", "suites", "--results", "by-command"]) == 1
     theirs, ours = (read_report(author.path / where / "mine") for where in (".nros-conformance", "by-command"))
     assert [(one.key, one.status, one.verdict) for one in theirs.results] == [
         (one.key, one.status, one.verdict) for one in ours.results
     ]
     assert {one.verdict for one in ours.results} == {"pass", "fail", None}
+    told = {"pass": "passed", "fail": "failed", None: "skipped"}
+    assert outcomes == {one.key: told[one.verdict] for one in ours.results}
     assert (theirs.observations, theirs.differences) == (ours.observations, ours.differences)
     assert main(["explain", "mine", "sample.overflow[depth=4]"]) == 0  # traces are where the command looks
+
+
+def collected(author: pytest.Pytester, *arguments: str) -> list[pytest.Item]:
+    found: list[pytest.Item] = []
+
+    class Collecting:
+        def pytest_collection_finish(self, session: pytest.Session) -> None:
+            found.extend(session.items)
+
+    quiet = ("--collect-only", "-q", "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "--nros-suites", "suites")
+    assert author.inline_run(*quiet, *arguments, plugins=[Collecting()]).ret == 0
+    return found
+
+
+# VS Code shows an item in the file `path`, at the line of `location`, below its parents that are classes, and
+# runs it again by its path and what follows in its id; PyCharm's runner takes id and location as they are.
+def test_items_are_what_the_runners_of_ides_rely_on(author: pytest.Pytester) -> None:
+    file = author.path.joinpath("mine", "backend.toml")
+    lines = file.read_text(encoding="utf-8").splitlines()
+    found = collected(author, "--nros-backend", "mine:Mine")
+    assert len({item.nodeid for item in found}) == len(found) == 6
+    for item in found:
+        assert item.path == file
+        assert item.nodeid.partition("::")[::2] == ("mine/backend.toml", item.name)
+        assert item.location[0] == os.path.join("mine", "backend.toml")  # noqa: PTH118 - pytest's text
+        assert all(parent.path.exists() for parent in item.listchain() if hasattr(parent, "path"))
+        assert not hasattr(item, "callspec")
+    at = {item.name: lines[item.location[1] or 0] for item in found}
+    assert at == {
+        "sample.overflow[depth=1]": "[events.MessageLost]",
+        "sample.overflow[depth=4]": "[events.MessageLost]",
+        "sample.refused": "[events.MessageLost]",
+        "rdm.silence-after-data": "[events.RequestedDeadlineMissed]",
+        "sample.pair": lines[0],  # the declaration has no [qos]
+        "declaration": lines[0],
+    }
+
+
+def test_variants_are_a_level_of_their_own(author: pytest.Pytester) -> None:
+    file = author.path.joinpath("mine", "backend.toml")
+    variants = "".join(f'\n[variants.{name}]\ntitle = "{name}"\nsays = "as {name}"\n' for name in ("near", "far"))
+    file.write_text(file.read_text(encoding="utf-8") + variants, encoding="utf-8")
+    found = collected(author, "--nros-backend", "mine:Mine", "-k", "pair")
+    assert [item.nodeid for item in found] == [
+        "mine/backend.toml::near::sample.pair", "mine/backend.toml::far::sample.pair",
+    ]  # fmt: skip
+    assert [isinstance(item.parent, pytest.Class) and item.parent.path == file for item in found] == [True, True]
+    run(author, "--nros-backend", "mine:Mine", found[0].nodeid).assert_outcomes(passed=1)
+
+
+def test_no_two_scenarios_look_alike_where_a_runner_replaces_dots() -> None:
+    keys = [one.key for one in load_suites().scenarios]
+    assert len({re.sub(r"[./]", "_", key) for key in keys}) == len(keys)
 
 
 def test_a_should_that_is_violated_is_a_warning(author: pytest.Pytester) -> None:
@@ -135,7 +197,11 @@ def test_unclear_is_an_outcome_of_its_own_and_has_its_exit_code(author: pytest.P
 def test_what_does_not_apply_is_skipped_with_the_reason(author: pytest.Pytester) -> None:
     done = run(author, "--nros-backend", "mine:Mine", "mine/backend.toml::sample.refused", "-rs")
     done.assert_outcomes(skipped=1)
-    done.stdout.fnmatch_lines(["SKIPPED * suites/sample.yaml:*: not-applicable: MessageLost is claimed"])
+    claim = (
+        author.path.joinpath("mine", "backend.toml").read_text(encoding="utf-8").partition("[events.MessageLost]")[0]
+    )
+    line = claim.count("\n") + 1
+    done.stdout.fnmatch_lines([f"SKIPPED * mine/backend.toml:{line}: not-applicable: MessageLost is claimed"])
 
 
 def test_a_known_failure_is_expected(author: pytest.Pytester) -> None:

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from nros_backends.native.abi import LAYOUT, POINTER, SPEAKS
-from nros_conformance.rmw.loading import LibraryError
+from nros_conformance.rmw.loading import LibraryError, find_compiler
 
 HEADER = "nros/rmw_vtable.h"
 _LIMIT_S = 60.0
 _NO_FIELD = re.compile(r"no member named '?\W?(\w+)")
 _VTABLE = "nros_rmw_vtable_t"
-
-
-def find_compiler() -> str:
-    """``$CC``, else the first of the usual ones; empty when there is none."""
-    named = os.environ.get("CC", "")
-    return next(filter(None, (shutil.which(name) for name in (named, "cc", "gcc", "clang") if name)), "")
 
 
 def check_headers(folders: Sequence[Path], compiler: str = "") -> str:

@@ -60,7 +60,14 @@ def _says(request: LibraryRequest, answers: Answers, declaration: Declaration, c
         f"{len(answers.null_slots)} optional slots are NULL",
         f"layout: {checked}",
         f"structs: {'a fresh copy in every call' if request.storage == 'fresh' else 'the same in every call'}",
+        "callbacks: C has no unregister; LIF-003 is kept by the adapter, which lets go, and who calls later fails "
+        "DSP-004",
     ]
+    if declaration.behaviour.two_sessions == "second_fails":
+        lines.append(
+            "a second session in a process fails, so scenarios with two stay untested; "
+            "if their number is set when it is built, build it with room for 8"
+        )
     if request.declaration is None:
         claims = ", ".join(f"{label} {claim}" for label, claim in declaration.claims().items())
         lines.append(f"derived from return codes: {claims}; for claims of yours: --declaration FILE, see declare")

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import zenoh
 
 from nros_backends.zenoh import attachment, keys
+from nros_backends.zenoh.config import HANDSHAKE_MS
 from nros_backends.zenoh.ends import End
 from nros_backends.zenoh.keys import Token
 from nros_backends.zenoh.leases import Watch
@@ -305,8 +306,9 @@ class ZenohSession(Session):
         if self.closed:
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         in_force = admit(topic, type_name, qos)
-        # zenoh declares into the void without a word, and learns of a router's death a moment later.
-        if self.locator and ping_router(self.zenoh, self.lease_ms if self.connected else 0, 1) != ReturnCode.OK:
+        # zenoh declares into the void without a word, and learns of a router's death a moment later. A busy host can
+        # lose the connection for a moment, too.
+        if self.locator and ping_router(self.zenoh, HANDSHAKE_MS, 1) != ReturnCode.OK:
             raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router answers at {self.locator}")
         name, wire_type = keys.absolute(topic), keys.wire_type(type_name)
         for other in tuple(self._graph.values()):

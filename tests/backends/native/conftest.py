@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from nros_backends.native.draft import ADAPTER, draft
-from nros_backends.native.layout import find_compiler
 from nros_backends.native.options import Options
 from nros_backends.native.surveyor import survey
 from nros_conformance.campaign.plans import Row, make_plan
@@ -18,6 +17,7 @@ from nros_conformance.judge.results import Verdict
 from nros_conformance.play.launch import PLAIN, Launch
 from nros_conformance.play.pool import Ended, Pool
 from nros_conformance.rmw.declaration import Declaration, load_declaration
+from nros_conformance.rmw.loading import find_compiler
 from nros_conformance.suite.loader import load_suites
 from nros_conformance.trace.files import read_trace
 from tests.backends.native.compiling import EXAMPLE, FLAGS, LIBRARIES, Build

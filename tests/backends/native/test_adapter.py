@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import ctypes as ct
 import gc
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from nros_backends.native import NativeBackend
+from nros_backends.native.callbacks import Callbacks, Registration
 from nros_backends.native.options import Options
 from nros_backends.native.session import NativeSession
 from nros_conformance.rmw.backend import Host, Session, SessionOptions
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
-from nros_conformance.rmw.events import CountStatus, EventKind, EventStatus, LivelinessChangedStatus
+from nros_conformance.rmw.events import CountStatus, EventCallback, EventKind, EventStatus, LivelinessChangedStatus
 from nros_conformance.rmw.qos import QosProfile
 from tests.backends.native.compiling import Build
 
@@ -80,15 +83,104 @@ def test_what_a_callback_raises_comes_out_of_drive_io_after_the_others_have_run(
     assert session.drive_io(0) == ReturnCode.OK
 
 
-def test_functions_and_contexts_outlive_their_registration(session: Session) -> None:
-    seen: list[object] = []
+class Watched:
+    """A callback and context whose life can be watched."""
+
+    def __init__(self) -> None:
+        self.seen: list[object] = []
+
+    def __call__(self, kind: int, status: EventStatus, context: object) -> None:
+        self.seen.append(context)
+
+
+def test_the_last_of_many_registrations_is_in_force_and_the_others_are_released(session: Session) -> None:
     subscription = session.create_subscription("/a", TYPE, QosProfile())
-    for number in range(100):
-        subscription.register_event(0, 0, lambda kind, status, context: seen.append(context), f"context {number}")
+    callbacks = [Watched() for _ in range(100)]
+    for callback in callbacks:
+        assert subscription.register_event(0, 0, callback, callback) == 0
+    lives = [weakref.ref(one) for one in callbacks]
+    last = callbacks[-1]
+    del callback, callbacks
     gc.collect()
+    assert [one() for one in lives] == [None] * 99 + [last]
     session.create_publisher("/a", TYPE, QosProfile())
     session.drive_io(0)
-    assert seen == ["context 99"]
+    assert last.seen == [last]
+
+
+@pytest.mark.parametrize("ends", ["entity", "session", "refused"])
+def test_callback_and_context_are_released_with_their_entity(session: Session, ends: str) -> None:
+    subscription = session.create_subscription("/a", TYPE, QosProfile())
+    callback, context = Watched(), Watched()
+    lives = [weakref.ref(callback), weakref.ref(context)]
+    kind = 0 if ends != "refused" else 256
+    assert subscription.register_event(kind, 0, callback, context) == (0 if ends != "refused" else -5)
+    if ends != "refused":
+        assert (session if ends == "session" else subscription).destroy() == ReturnCode.OK
+    del callback, context
+    gc.collect()
+    assert [one() for one in lives] == [None, None]
+
+
+def registered(callbacks: Callbacks, callback: EventCallback, context: object = None) -> Registration:
+    return callbacks.make(int(EventKind.MESSAGE_LOST), callback, context)
+
+
+def call(one: Registration, pointer: int | None = None) -> None:
+    payload = (ct.c_uint32 * 2)(3, 1)
+    one.function.pointer(
+        int(EventKind.MESSAGE_LOST), ct.addressof(payload), one.pointer if pointer is None else pointer
+    )
+
+
+def test_a_call_after_the_release_is_told_to_who_wants_to_know(capsys: pytest.CaptureFixture[str]) -> None:
+    seen: Seen = []
+
+    class Telling(Watched):
+        late = staticmethod(lambda kind, status, context: seen.append((kind, status, context)))
+
+    callbacks = Callbacks()
+    told, untold = registered(callbacks, Telling()), registered(callbacks, Watched())
+    for one in (told, untold):
+        callbacks.release(one)
+    with callbacks.calls:
+        call(told)
+    assert seen == [(2, CountStatus(3, 1), "")]
+    too_late = "the library called back, MessageLost, for an entity that is destroyed"
+    with pytest.raises(RuntimeError, match=too_late), callbacks.calls:
+        call(untold)
+    function = told.function
+    del told, one
+    function.pointer(int(EventKind.MESSAGE_LOST), None, 16)
+    assert capsys.readouterr().err == "the library called back, MessageLost, when its play was over\n"
+    assert len(seen) == 1
+
+
+def test_the_function_of_one_and_the_context_of_another_are_told_apart() -> None:
+    callbacks = Callbacks()
+    mine, other = Watched(), Watched()
+    one, two = registered(callbacks, mine, "mine"), registered(callbacks, other, "other")
+    call(one, two.pointer)
+    call(one, 7)
+    callbacks.release(two)
+    call(one, two.pointer)
+    assert mine.seen == ["other", "a context that nobody registered: 0x7", "a context that was released"]
+    assert other.seen == []
+
+
+def test_functions_are_used_again_after_a_rest() -> None:
+    callbacks = Callbacks()
+    late: list[object] = []
+    before = registered(callbacks, Watched())
+    before.late = lambda kind, status, context: late.append(context)
+    callbacks.release(before)
+    rests = 0
+    while (again := registered(callbacks, later := Watched())).function is not before.function:
+        callbacks.release(again)
+        rests += 1
+    assert (rests, again.pointer) == (64, before.pointer + 65 * 16)
+    call(again, before.pointer)
+    assert (late, later.seen) == ([""], [])
 
 
 def test_destroyed_handles_are_refused_without_a_call(session: Session) -> None:

@@ -94,3 +94,10 @@ class SaysWhoCollects(Healthy):
         super().__init__(host)
         sys.stderr.write(f"garbage is {'' if gc.isenabled() else 'not '}collected\n")
         sys.stderr.flush()
+
+
+class SaysWhereItIs(Healthy):
+    def __init__(self, host: Host) -> None:
+        super().__init__(host)
+        sys.stderr.write(f"process {os.getpid()}\n")
+        sys.stderr.flush()
