@@ -138,7 +138,9 @@ def _throughout(index: Index, expected: schema.Level, entity: str, steps: list[_
             certain = departed and surely_between(step.since, since, until)
             certain = certain or _shown_at_return(index, expected, entity, step, since, until, certainly=True)
             if certain:
-                failure = Judged("fail", got=_told(index, step), at=step.since.hi, missing=not departed)
+                # What was wrong before the window is a failure from its beginning on.
+                at = max(step.since.hi, since.hi)
+                failure = Judged("fail", got=_told(index, step), at=at, missing=not departed)
                 break
             possible = departed and maybe_between(step.since, since, until)
             possible = possible or _shown_at_return(index, expected, entity, step, since, until, certainly=False)
