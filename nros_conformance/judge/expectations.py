@@ -59,9 +59,12 @@ def name_of(part: schema.Base) -> str:
 
 TIMED = (
     schema.Never, schema.Periodic, schema.Total, schema.Level, schema.Inside, schema.Callback, schema.Callbacks,
-    schema.Takes, schema.Received, schema.Counted,
+    schema.Takes, schema.Received,
 )  # fmt: skip
 """What a host that runs the backend's own threads late can violate."""
+
+OF_THE_PEER = frozenset({"listed", "checks", "probes"})
+"""Quantities that depend on what has come to the peer by then, unlike those of the process."""
 
 ARRIVAL = frozenset({"take", "has_data", "ping", "until"})
 """Steps whose answer says whether something has come by then, unless it is an error."""
@@ -87,7 +90,9 @@ def _now_and_then(index: Index, part: schema.Cycles) -> Cycles | None:
 
 
 def _arrival(index: Index, part: schema.Base) -> bool:
-    """Whether the part expects an answer that depends on what has come by then."""
+    """Whether the part expects an answer or a number that depends on what has come by then."""
+    if isinstance(part, schema.Counted):
+        return any(one.label == part.counted and one.what in OF_THE_PEER for one in index.measures)
     if isinstance(part, schema.Returns):
         acts = index.acts_of(part.returns)
     elif isinstance(part, schema.Cycles) and part.step is not None and part.cycles in index.cycles:

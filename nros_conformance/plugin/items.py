@@ -20,7 +20,7 @@ from nros_conformance.plugin.background import NotPlayed, Settled
 from nros_conformance.report.applicability import GROUP_KINDS
 from nros_conformance.report.evidence import proofs_of
 from nros_conformance.report.explain import explain_scenario
-from nros_conformance.report.known import concerns, in_force
+from nros_conformance.report.known import concerns, in_force, must_show
 from nros_conformance.report.results import Report, ScenarioResult
 from nros_conformance.suite.catalogue import Requirement
 from nros_conformance.suite.loader import Loaded, Suites
@@ -194,7 +194,7 @@ class ScenarioItem(pytest.Item):
         outcomes = list(proofs_of(result))
         for known in in_force(self.row.declaration, self.row.versions):
             about = {proof.outcome for requirement, proof in outcomes if requirement == known.requirement}
-            if concerns(known, result) and about == {"pass"}:
+            if concerns(known, result) and about == {"pass"} and must_show(known, [result]):
                 return f"[[known]] {known.key} ({known.requirement}, {known.scenario}) holds; remove the entry"
         return ""
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from nros_conformance.report.cells import answers, answers_ok, state, stimuli
 from nros_conformance.report.evidence import Evidence, evidence, proofs_of
-from nros_conformance.report.known import concerns, in_force
+from nros_conformance.report.known import concerns, in_force, must_show
 from nros_conformance.report.results import Difference, Report, ScenarioResult
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.declaration import Known
@@ -79,9 +79,7 @@ def _known(report: Report, known: Known) -> Iterator[str]:
     outcomes = {proof.outcome for requirement, proof in proofs if requirement == known.requirement}
     if "fail" in outcomes:
         return
-    # A pass that took a repeat was played at a larger T, where the deviation need not show.
-    repeated = any(len(result.attempts) > 1 for result in named)
-    if "pass" in outcomes and "unclear" not in outcomes and not repeated:
+    if "pass" in outcomes and "unclear" not in outcomes and must_show(known, named):
         yield f"{section} holds; remove the entry"
     elif not outcomes and all(result.status == "not-applicable" for result in named):
         yield f"{section} names a scenario that does not apply to {report.backend}; remove the entry"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from nros_conformance.report.results import ReportError, ScenarioResult
 from nros_conformance.rmw.declaration import Declaration, Known
@@ -28,6 +28,14 @@ def in_force(declaration: Declaration, versions: Mapping[str, str]) -> tuple[Kno
 def concerns(known: Known, result: ScenarioResult) -> bool:
     """Whether an entry names this scenario: by id (with any parameters) or by key."""
     return known.scenario in (result.id, result.key)
+
+
+def must_show(known: Known, results: Iterable[ScenarioResult]) -> bool:
+    """Whether the deviation has to show in these.
+
+    Not if it is declared as one that shows sometimes, nor where a repeat was needed: that is played at a larger T.
+    """
+    return known.strict and all(len(result.attempts) < 2 for result in results)
 
 
 def covering(entries: tuple[Known, ...], result: ScenarioResult, requirement: str) -> Known | None:

@@ -138,7 +138,7 @@ class Behaviour(_Part, frozen=True, kw_only=True):
 
 
 class Known(_Part, frozen=True, kw_only=True):
-    """A deviation that is known: it must fail, conclusively, whenever its scenario is played."""
+    """A deviation that is known: it must fail, conclusively, whenever its scenario is played; see ``strict``."""
 
     key: str
     requirement: str
@@ -149,6 +149,8 @@ class Known(_Part, frozen=True, kw_only=True):
     versions: str = ""
     model: str = ""
     """The deviation of `nros_conformance.model.deviations` that this is, so that ``explore`` knows it again."""
+    strict: bool = True
+    """False for a race inside the middleware, which ``because`` explains: a play that passes is no contradiction."""
     review: date | None = None
 
 

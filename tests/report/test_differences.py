@@ -157,6 +157,12 @@ def test_a_known_failure_that_passes_in_a_repeat_at_a_larger_scale_is_no_differe
     assert known_texts(ENTRY, repeated) == []
 
 
+def test_a_known_race_may_pass() -> None:
+    race = known("LVC-009", "lvc.frozen", strict=False)
+    assert known_texts(race, result("lvc.frozen", "LVC-009")) == []
+    assert known_texts(race) == ["[[known]] D1 (LVC-009, lvc.frozen) matches no scenario"]
+
+
 def test_a_partial_run_leaves_entries_of_other_scenarios_alone() -> None:
     assert known_texts(ENTRY, partial=True) == []
     assert known_texts(ENTRY, result("lvc.frozen", "LVC-009"), partial=True) == [

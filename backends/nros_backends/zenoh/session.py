@@ -307,8 +307,8 @@ class ZenohSession(Session):
             raise RmwError(ReturnCode.INVALID_ARGUMENT, "the session is destroyed")
         in_force = admit(topic, type_name, qos)
         # zenoh declares into the void without a word, and learns of a router's death a moment later. A busy host can
-        # lose the connection for a moment, too.
-        if self.locator and ping_router(self.zenoh, HANDSHAKE_MS, 1) != ReturnCode.OK:
+        # lose the connection for a moment, too; CON-006 wants an answer within twice the lease.
+        if self.locator and ping_router(self.zenoh, min(HANDSHAKE_MS, self.lease_ms * 3 // 2), 1) != ReturnCode.OK:
             raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router answers at {self.locator}")
         name, wire_type = keys.absolute(topic), keys.wire_type(type_name)
         for other in tuple(self._graph.values()):
