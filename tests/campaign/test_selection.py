@@ -96,7 +96,7 @@ def test_a_second_session_that_fails_leaves_scenarios_with_two_untested(suites: 
     assert (decision.status, decision.reason) == (
         "untested", "needs 2 sessions in one process, where a second one fails",
     )  # fmt: skip
-    assert decide(one(suites, "rob.stale-subscription[gone=entity]"), single).status == "play"
+    assert decide(one(suites, "lvc.same-session"), single).status == "play"
 
 
 def test_plans_carry_scale_tolerances_and_everything_that_judging_needs(suites: Suites) -> None:
