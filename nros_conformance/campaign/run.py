@@ -52,7 +52,8 @@ AT_ONCE = 24
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
 BESIDE = 4
-"""Processes beside the one whose plays share it: a thousand cycles are mostly waiting."""
+"""Processes beside the one whose plays share it: a thousand cycles are mostly waiting. One of a row that shares the
+cores with others."""
 
 TOGETHER, AT_LEAST = 24, 4
 """All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
@@ -180,7 +181,8 @@ class RowRun:
             finally:
                 places.put(place)
 
-        with ThreadPoolExecutor(BESIDE, thread_name_prefix=self.row.name) as executor:
+        lanes = max(1, BESIDE * self._at_once // AT_ONCE)
+        with ThreadPoolExecutor(lanes, thread_name_prefix=self.row.name) as executor:
             playing = [executor.submit(play, part) for part in parts]
             try:
                 yield
