@@ -53,7 +53,9 @@ at once and every core kept busy by others, one play in 640 was judged late beca
 
 BESIDE = 4
 """Processes beside the one whose plays share it: a thousand cycles are mostly waiting. One of a row that shares the
-cores with others."""
+cores with others, `BESIDE_LATER` when the shared one is done."""
+
+BESIDE_LATER = 2
 
 TOGETHER, AT_LEAST = 24, 4
 """All rows of a run together on the real clock, and what each row has in any case: they share the cores."""
@@ -170,9 +172,10 @@ class RowRun:
             for part in parts:
                 pool.play(part, 1)
             return
+        lanes = max(1, BESIDE * self._at_once // AT_ONCE)
         places = queue.SimpleQueue[int]()
-        for place in range(AT_ONCE, AT_ONCE + BESIDE):
-            places.put(place)
+        for lane in range(lanes):
+            places.put(AT_ONCE + lane)
 
         def play(part: Sequence[Plan]) -> None:
             place = places.get()
@@ -181,14 +184,15 @@ class RowRun:
             finally:
                 places.put(place)
 
-        lanes = max(1, BESIDE * self._at_once // AT_ONCE)
-        with ThreadPoolExecutor(lanes, thread_name_prefix=self.row.name) as executor:
+        with ThreadPoolExecutor(BESIDE, thread_name_prefix=self.row.name) as executor:
             playing = [executor.submit(play, part) for part in parts]
             try:
                 yield
             except BaseException:
                 executor.shutdown(wait=False, cancel_futures=True)
                 raise
+            for lane in range(lanes, BESIDE_LATER):
+                places.put(AT_ONCE + lane)
             for each in playing:
                 each.result()
 
