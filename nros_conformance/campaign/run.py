@@ -81,7 +81,7 @@ class RowRun:
         self.row = row
         self.suites = suites
         self.selection = selection
-        self.results = folder_for(results, row.name, narrowed=selection.narrowed and selection.keys is None)
+        self.results = folder_for(results, row.name, narrowed=selection.by_name)
         self.folder = self.results / row.name
         self._ports = ports
         self._at_once = at_once
@@ -248,7 +248,7 @@ class RowRun:
             digest=self.suites.digest,
             profile=self.selection.profile,
             partial=partial,
-            narrowed=self.selection.narrowed and self.selection.keys is None,
+            narrowed=self.selection.by_name,
             why_partial=why,
             row=self.row.name,
             backend=self.row.declaration.name,

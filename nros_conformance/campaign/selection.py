@@ -39,6 +39,11 @@ class Selection:
         """Whether anything but the profile limits it."""
         return bool(self.suites or self.scenarios or self.requirements) or self.keys is not None
 
+    @property
+    def by_name(self) -> bool:
+        """Whether it was narrowed by somebody, and not into the shares of one run."""
+        return self.narrowed and self.keys is None
+
     def choose(self, suites: Suites) -> list[Loaded]:
         """The selected scenarios. Raises `SelectionError` for a name that fits nothing."""
         everything = suites.scenarios

@@ -35,7 +35,8 @@ def run(options: argparse.Namespace) -> ExitCode:
             "explain takes [BACKEND] SCENARIO, BACKEND/COLUMN, a requirement, a note key, or a word of the legend"
         )
     word = subject[-1]
-    text = _term(options, suites, word) if len(subject) == 1 else None
+    # A scenario's name has a dot and a cell's a slash: no need to read all reports for it first.
+    text = _term(options, suites, word) if len(subject) == 1 and not {".", "/"} & set(word) else None
     if text is None and "/" in word and "." not in word.partition("/")[0]:
         row, _, column = word.partition("/")
         reports = read_reports(options.results)

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from nros_conformance.cli.codes import ExitCode
+from nros_conformance.formats.counts import many
 from nros_conformance.judge.judge import judge
 from nros_conformance.report.differences import differences
 from nros_conformance.report.results import Attempt, Report, ScenarioResult, read_reports, write_report
@@ -34,12 +35,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         new = msgspec.structs.replace(new, differences=tuple(differences(new, levels)))
         failed |= bool(new.differences) or any(one.verdict == "fail" and not one.known for one in results)
         write_report(directory, new)
-    print(f"{_many(judged, 'trace')} judged again, {_many(changed, 'verdict')} changed")
+    print(f"{many(judged, 'trace')} judged again, {many(changed, 'verdict')} changed")
     return ExitCode.FAILED if failed else ExitCode.OK
-
-
-def _many(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _rejudge(report: Report, result: ScenarioResult, directory: Path) -> ScenarioResult:

@@ -181,11 +181,14 @@ def host_options(options: argparse.Namespace) -> dict[str, str]:
 
 def _check_options(options: argparse.Namespace, backends: Sequence[Found]) -> None:
     """Refuse an option that no backend takes: it would be a typing error that nobody notices."""
+    given = host_options(options)
+    if not given:
+        return
     named = {found.name: found.load().option_names for found in backends}
     if options.backend and None in named.values():
         return
     known = sorted({name for names in named.values() for name in names or ()})
-    for name in host_options(options):
+    for name in given:
         if name not in known:
             raise FormatError(
                 "--option", None, f"{', '.join(named)} {'takes' if len(named) == 1 else 'take'} no option {name!r}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from nros_conformance.formats.counts import many
 from nros_conformance.judge.callbacks import not_made
 from nros_conformance.judge.findings import Judged, clock, code_words, milliseconds
 from nros_conformance.judge.index import CALLS, Index
@@ -47,7 +48,7 @@ def told(act: Act) -> str:
     if not isinstance(act.result, int):
         return "nothing" if act.result is None else repr(act.result)
     if act.op == "take" and act.result >= 0:
-        return f"{act.result} sample" + ("" if act.result == 1 else "s")
+        return many(act.result, "sample")
     return code_words(act.result)
 
 

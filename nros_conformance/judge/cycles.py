@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from nros_conformance.formats.counts import repeatedly
 from nros_conformance.judge.calls import fits, told
 from nros_conformance.judge.findings import Judged
 from nros_conformance.judge.index import Index
@@ -25,9 +26,9 @@ def _answers(played: Cycles, expected: schema.Cycles) -> Judged:
         return Judged("none", wanted, f"{step} was not called")
     wrong = [(act, count) for act, count in zip(acts, counts, strict=True) if not fits(act, expected.is_)]
     if wrong:
-        answers = ", ".join(f"{told(act)} {_times(count)}" for act, count in wrong)
+        answers = ", ".join(f"{told(act)} {repeatedly(count)}" for act, count in wrong)
         return Judged("fail", wanted, f"{answers} in {played.times} cycles", at=wrong[0][0].begin)
-    return Judged("pass", wanted, f"{_times(sum(counts))} in {played.times} cycles", at=played.begin)
+    return Judged("pass", wanted, f"{repeatedly(sum(counts))} in {played.times} cycles", at=played.begin)
 
 
 def _amount(played: Cycles, expected: schema.Cycles) -> Judged:
@@ -47,7 +48,3 @@ def amount(played: Cycles, expected: schema.Cycles) -> tuple[int, int]:
     else:
         few, many = played.events.get(f"{expected.of}/{expected.event}", [0, 0])
     return few, many
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"

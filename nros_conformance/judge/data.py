@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from nros_conformance.formats.counts import many
 from nros_conformance.judge.calls import told
 from nros_conformance.judge.findings import Judged, clock, together, unless_blind
 from nros_conformance.judge.index import Index
@@ -23,7 +24,7 @@ def _sample(identity: tuple[str, int]) -> str:
 
 
 def _count(number: int) -> str:
-    return f"{number} sample" + ("" if number == 1 else "s")
+    return many(number, "sample")
 
 
 # --- received -------------------------------------------------------------------------------------

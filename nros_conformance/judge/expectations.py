@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from nros_conformance.judge import callbacks, calls, cycles, data, events, givens, levels
-from nros_conformance.judge.findings import Judged, milliseconds
+from nros_conformance.judge.findings import Judged, no_core
 from nros_conformance.judge.index import Index
 from nros_conformance.judge.intervals import worst
 from nros_conformance.judge.moments import NoSuchMoment
@@ -121,8 +121,7 @@ def _unless_starved(index: Index, judged: Judged, since: int | None = None, unti
     waited = index.starvation(until - index.quantities["T"] - index.late if since is None else since, until)
     if waited <= index.early:
         return judged
-    why = f"threads of the backend had to wait {milliseconds(waited)} for a core meanwhile"
-    return judged._replace(outcome="unclear", got=f"{judged.got}; {why}")
+    return judged._replace(outcome="unclear", got=f"{judged.got}; {no_core(waited)}")
 
 
 def _any_of(index: Index, expected: schema.AnyOf) -> Judged:

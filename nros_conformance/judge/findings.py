@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from nros_conformance.formats.counts import many
 from nros_conformance.judge.index import Index, Seen
 from nros_conformance.judge.intervals import INF, worst
 from nros_conformance.judge.results import Outcome
@@ -65,9 +66,14 @@ def code_words(code: int) -> str:
     return f"{code_name(code)} ({code})" if code in PUBLISHED_CODES else code_name(code)
 
 
+def no_core(ns: int) -> str:
+    """Why a verdict is left open: how long threads of the backend were kept waiting by the host."""
+    return f"threads of the backend had to wait {milliseconds(ns)} for a core meanwhile"
+
+
 def times(number: int) -> str:
     """``1 callback``, ``2 callbacks``."""
-    return f"{number} callback" + ("" if number == 1 else "s")
+    return many(number, "callback")
 
 
 def shown(index: Index, seen: Seen) -> str:

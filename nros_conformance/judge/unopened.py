@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nros_conformance.judge.findings import milliseconds
+from nros_conformance.judge.findings import no_core
 from nros_conformance.judge.index import Index
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.trace.records import End
@@ -22,7 +22,7 @@ def why_unopened(index: Index, end: End) -> str:
     waited = index.starvation(begin, finish)
     if 2 * waited <= finish - begin:
         waited = _cut_off(index, end) if refused[-1].code == ReturnCode.CONNECTION_FAILED else 0
-    return f"threads of the backend had to wait {milliseconds(waited)} for a core meanwhile" if waited else ""
+    return no_core(waited) if waited else ""
 
 
 def _cut_off(index: Index, end: End) -> int:

@@ -114,17 +114,16 @@ class Pool:
         with tempfile.NamedTemporaryFile(dir=self._log.parent, prefix="worker-", suffix=".log") as printed:
             log = Path(printed.name)
             try:
-                watch, process = self._watched(plans, concurrency, log)
+                watch = self._watched(plans, concurrency, log)
                 if self._stopped.is_set() or not watch.in_flight:
                     return watch.done, []
-                suspects = list(watch.in_flight.values())
-                self._lost(watch, process, suspects, log)
-                return watch.done, suspects
+                self._lost(watch, log)
+                return watch.done, list(watch.in_flight.values())
             finally:
                 with self._logging, self._log.open("ab") as all_of_them:
                     all_of_them.write(log.read_bytes())
 
-    def _watched(self, plans: Sequence[Plan], concurrency: int, log: Path) -> tuple[_Watch, subprocess.Popen[bytes]]:
+    def _watched(self, plans: Sequence[Plan], concurrency: int, log: Path) -> _Watch:
         """Start a worker and listen to it until it is gone."""
         ours, theirs = socket.socketpair()
         with ours, log.open("ab") as output:
@@ -143,13 +142,14 @@ class Pool:
                 if process.poll() is None:
                     process.kill()
                 process.wait()
-        return watch, process
+        return watch
 
-    def _lost(self, watch: _Watch, process: subprocess.Popen[bytes], suspects: Sequence[Plan], log: Path) -> None:
+    def _lost(self, watch: _Watch, log: Path) -> None:
         """A worker died: report it, and end the trace if there is one suspect only."""
+        suspects = list(watch.in_flight.values())
         what = "hang" if watch.killed else "crash"
         where = _where(log.read_text(errors="replace"), what)
-        detail = watch.killed or f"the process {death(process.returncode)}"
+        detail = watch.killed or f"the process {death(watch.process.returncode)}"
         detail += f", {where}" if where else ""
         if self._launch.debugger and what == "crash" and len(suspects) == 1:
             native = autopsy(self._launch.debugger, _WORKER, _environment(), suspects[0], log, virtual=self._virtual)
@@ -181,7 +181,7 @@ class _Watch:
     def __init__(
         self, process: subprocess.Popen[bytes], ours: socket.socket, plans: Sequence[Plan], pool: Pool
     ) -> None:
-        self._process = process
+        self.process = process
         self._socket = ours
         self._plans = {plan.key: plan for plan in plans}
         self._pool = pool
@@ -209,15 +209,15 @@ class _Watch:
             elif now - heard > self._pool._silence_s:
                 self._kill(f"the process has not run for {self._pool._silence_s:.0f} s")
                 return
-            late = [key for key, begun in self._begun.items() if now - begun > self._limit(key)]
+            grace = self._pool._play_limit_s * crowding()
+            late = [key for key, begun in self._begun.items() if now - begun > self._expected(key) + grace]
             if late:
                 self.in_flight = {key: self.in_flight[key] for key in late}
                 self._kill("the play did not end")
                 return
 
-    def _limit(self, key: str) -> float:
-        plan = self._plans[key]
-        return plan.expected_ns / 1e9 * (0 if self._pool._virtual else 4) + self._pool._play_limit_s * crowding()
+    def _expected(self, key: str) -> float:
+        return self._plans[key].expected_ns / 1e9 * (0 if self._pool._virtual else 4)
 
     def _hear(self, line: bytes, now: float) -> None:
         match decode_report(line):
@@ -237,11 +237,11 @@ class _Watch:
     def _kill(self, why: str) -> None:
         self.killed = why
         # The traceback of every thread goes to the log first: it says where the backend is stuck.
-        self._process.send_signal(signal.SIGABRT)
+        self.process.send_signal(signal.SIGABRT)
         try:
-            self._process.wait(timeout=2)
+            self.process.wait(timeout=2)
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            self.process.kill()
 
 
 def _environment() -> dict[str, str]:

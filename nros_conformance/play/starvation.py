@@ -22,13 +22,12 @@ _GLANCE_NS = 500 * MS
 
 _MOST_CROWDED = 10.0
 
+Note = Callable[[Starved], None]
+
 
 def crowding() -> float:
     """How many times longer work may take than it should, by the load of the last minute: 1 to 10."""
     return min(max(os.getloadavg()[0] / (2 * (os.cpu_count() or 1)), 1.0), _MOST_CROWDED)
-
-
-Note = Callable[[Starved], None]
 
 
 class Watch:
@@ -63,7 +62,7 @@ class Watch:
     def look(self, begin: int) -> Starved | None:
         """The longest wait of one thread since the look at ``begin``; None if it is not worth a word."""
         waited = _waits()
-        longest = max((total - self._waited.get(thread, 0) for thread, total in waited.items()), default=0)
+        longest = _longest(self._waited, waited)
         self._waited = waited
         return Starved(begin=begin, end=time.monotonic_ns(), wait=longest) if longest >= _WORTH_NS else None
 
@@ -95,12 +94,13 @@ def wait_patiently(clock: Clock, done: Signal, limit: int, patience_ns: int, pro
         if clock.wait(done, begin + _GLANCE_NS):
             return True
         lasted, after = clock.now_ns() - begin, [_waits(process) for process in processes]
-        waited = [
-            total - old.get(thread, 0) for old, new in zip(before, after, strict=True) for thread, total in new.items()
-        ]
-        if 4 * max(waited, default=0) < lasted:
+        if 4 * max(map(_longest, before, after), default=0) < lasted:
             return False
     return False
+
+
+def _longest(before: dict[str, int], after: dict[str, int]) -> int:
+    return max((total - before.get(thread, 0) for thread, total in after.items()), default=0)
 
 
 def _waits(process: int | str = "self") -> dict[str, int]:

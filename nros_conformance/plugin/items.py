@@ -16,6 +16,7 @@ import pytest
 
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.selection import Decision, decide, proven
+from nros_conformance.formats.counts import many
 from nros_conformance.plugin.background import NotPlayed, Settled
 from nros_conformance.report.applicability import GROUP_KINDS
 from nros_conformance.report.evidence import proofs_of
@@ -167,7 +168,7 @@ class ScenarioItem(pytest.Item):
         if stale := self._stale(result):
             raise Violation(stale)
         if verdict.verdict == "inconclusive":
-            tries = f"{len(result.attempts)} attempt{'s' if len(result.attempts) != 1 else ''}"
+            tries = many(len(result.attempts), "attempt")
             self.unclear = f"{verdict.reason} ({tries})"
             raise pytest.skip.Exception(f"unclear: {self.unclear}", _use_item_location=True)
         if verdict.verdict == "none":

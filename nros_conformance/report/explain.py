@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, Protocol
 
+from nros_conformance.formats.counts import many, repeatedly
 from nros_conformance.judge.results import Finding, Verdict
 from nros_conformance.report.columns import columns
 from nros_conformance.report.evidence import evidence
@@ -160,9 +161,9 @@ def _judgement(verdict: Verdict) -> list[str]:
             absent += 1
         else:
             lines += _finding(finding)
-    lines.append(f"  held       {_many(held, 'expectation')} and {_many(implied, 'invariant')}")
+    lines.append(f"  held       {many(held, 'expectation')} and {many(implied, 'invariant')}")
     if absent:
-        lines.append(f"  no word    {_many(absent, 'finding')} had nothing to judge")
+        lines.append(f"  no word    {many(absent, 'finding')} had nothing to judge")
     lines += [f"  warning    {text}" for text in verdict.warnings]
     return lines
 
@@ -286,19 +287,11 @@ def _observed(report: Report, kind: EventKind) -> list[str]:
     for call, word in (("supports", "supports"), ("register", "register")):
         seen = [one for one in report.observations if (one.call, one.kind, one.case) == (call, kind, "right side")]
         answers = [
-            f"{(str(bool(one.code)).lower() if call == 'supports' else code_name(one.code))}, {_times(one.count)}"
+            f"{(str(bool(one.code)).lower() if call == 'supports' else code_name(one.code))}, {repeatedly(one.count)}"
             for one in seen
         ]  # fmt: skip
         lines += [f"  {word:<9}  answered {'; '.join(answers)}"] if answers else []
     plays = [result for result in report.results if result.attempts]
     number = sum(result.fired.get(int(kind), 0) for result in plays)
-    came = _many(number, "callback") if number else "nothing"
-    return [*lines, f"  fired      {came}, in {_many(len(plays), 'scenario')}"]
-
-
-def _many(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
+    came = many(number, "callback") if number else "nothing"
+    return [*lines, f"  fired      {came}, in {many(len(plays), 'scenario')}"]

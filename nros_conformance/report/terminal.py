@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
+from nros_conformance.formats.counts import many
 from nros_conformance.report.columns import Column
 from nros_conformance.report.evidence import evidence
 from nros_conformance.report.results import NARROWED, Control, Report, ScenarioResult, Status
@@ -198,7 +199,7 @@ def _remarks(report: Report, levels: Mapping[str, str], *, gaps: bool = True) ->
         if result.verdict == "fail" and result.known:
             lines.append(f"known    {report.row} {result.key} ({result.known}) fails as declared")
         elif result.verdict == "inconclusive":
-            tries = f"{len(result.attempts)} attempt" + ("s" if len(result.attempts) != 1 else "")
+            tries = many(len(result.attempts), "attempt")
             lines.append(f"unclear  {report.row} {result.key}: {result.last.reason if result.last else ''} ({tries})")
         elif result.verdict == "warn":
             lines += [
@@ -234,10 +235,9 @@ def _left_out(report: Report, status: Status, word: str) -> Iterator[str]:
         if result.status == status:
             reasons.setdefault(result.reason, []).append(result.id)
     for reason, ids in reasons.items():
-        number = "1 scenario" if len(ids) == 1 else f"{len(ids)} scenarios"
         names = list(dict.fromkeys(ids))
         shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-        yield f"{word:<8} {report.row}: {number}, {reason} ({shown})"
+        yield f"{word:<8} {report.row}: {many(len(ids), 'scenario')}, {reason} ({shown})"
 
 
 def _shorten(ids: Sequence[str]) -> str:
