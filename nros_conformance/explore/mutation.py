@@ -43,7 +43,8 @@ def _limited(seconds: float) -> Iterator[None]:
         raise _Endless
 
     former = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    # Again and again: what is raised within a callback of the garbage collector, as Hypothesis has one, is ignored.
+    signal.setitimer(signal.ITIMER_REAL, seconds, 1)
     try:
         yield
     finally:
