@@ -1,6 +1,6 @@
 """How fast: the real clock against its longest scenario, the virtual clock, and the judge.
 
-python benchmarks/speed.py [--backend cyclone]
+python benchmarks/speed.py [--backend NAME]...
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from nros_conformance.campaign.control import find_control
@@ -19,45 +20,44 @@ from nros_conformance.campaign.selection import Selection, decide
 from nros_conformance.judge.judge import judge
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.player import play_virtually
-from nros_conformance.report.results import read_report
-from nros_conformance.suite.loader import load_suites
+from nros_conformance.report.results import read_reports
+from nros_conformance.suite.loader import Suites, load_suites
 from nros_conformance.trace.files import read_trace
 from nros_conformance.trace.records import Header, Trace
 
 
-def real(backend: str) -> None:
-    """Wall time of a whole run against its longest scenario and against the sum of all."""
+def real(backends: Sequence[str], suites: Suites) -> None:
+    """Wall time of a whole run; of each row the plays that share a process, against the longest of them.
+
+    Those in processes of their own (a thousand cycles among them) and repeats of unclear ones go on beside and after.
+    """
+    process = {one.key: one.scenario.needs.process for one in suites.scenarios}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        begun = time.monotonic()
-        command = [
-            sys.executable,
-            "-m",
-            "nros_conformance.cli.main",
-            "run",
-            "--backend",
-            backend,
-            "--profile",
-            "publish",
-        ]
+        command = [sys.executable, "-m", "nros_conformance.cli.main", "run", "--profile", "publish"]
+        command += [argument for backend in backends for argument in ("--backend", backend)]
+        begun, wall_begun = time.monotonic(), time.time()
         subprocess.run([*command, "--results", str(folder)], capture_output=True, check=False)
         wall = time.monotonic() - begun
-        report = read_report(folder / backend)
-        seconds = [attempt.seconds for result in report.results for attempt in result.attempts]
-        print(
-            f"{backend}: {len(seconds)} plays; command {wall:.1f} s, playing and judging {report.seconds:.1f} s; "
-            f"longest {max(seconds):.1f} s, sum {sum(seconds):.1f} s: "
-            f"{report.seconds / max(seconds):.2f} x the longest, {sum(seconds) / report.seconds:.0f} at once"
-        )
-        traces = [
-            read_trace(folder / backend / attempt.trace) for result in report.results for attempt in result.attempts
-        ]  # fmt: skip
-    judged(traces)
+        reports = read_reports(folder)
+        print(f"{len(reports)} rows: command {wall:.1f} s")
+        for report in reports:
+            plays = [(result.key, attempt) for result in report.results for attempt in result.attempts]
+            shared = [attempt for key, attempt in plays if process[key] == "shared" and attempt.number == 1]
+            files = [(folder / report.row / attempt.trace).stat() for attempt in shared]
+            longest, end = max(one.seconds for one in shared), max(file.st_mtime for file in files) - wall_begun
+            print(
+                f"{report.row}: {len(plays)} plays in {report.seconds:.1f} s; {len(shared)} in a shared process, "
+                f"done {end:.1f} s after the command: {end / longest:.2f} x the longest ({longest:.1f} s), "
+                f"sum {sum(one.seconds for one in shared):.1f} s"
+            )
+        judged([read_trace(folder / report.row / attempt.trace) for report in reports
+                for result in report.results for attempt in result.attempts])  # fmt: skip
 
 
-def virtual(rounds: int = 5) -> None:
+def virtual(suites: Suites, rounds: int = 5) -> None:
     """Scenarios per second on the virtual clock, play and judge."""
-    suites, control = load_suites(), find_control()
+    control = find_control()
     assert control.declaration is not None
     adapter, row = load_adapter(control.adapter), Row(control.declaration, control.adapter)
     chosen = [one for one in Selection("publish").choose(suites) if decide(one, control.declaration).status == "play"]
@@ -87,10 +87,11 @@ def judged(traces: list[Trace], rounds: int = 20) -> None:
 def main() -> None:
     """Print all three."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--backend", default="cyclone")
+    parser.add_argument("--backend", action="append", help="cyclone and uorb without it")
     options = parser.parse_args()
-    real(options.backend)
-    virtual()
+    suites = load_suites()
+    real(options.backend or ["cyclone", "uorb"], suites)
+    virtual(suites)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,18 @@ from nros_conformance.formats.toml import read_toml
 from nros_conformance.rmw.backend import Host
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.declaration import Declaration, KnownFile, check_links
-from nros_conformance.rmw.discovery import Found, find_backend, find_backends
+from nros_conformance.rmw.discovery import BackendNotFound, Found, find_backend, find_backends
 from nros_conformance.suite.loader import Suites
 
 
 def find_rows(name: str) -> Found:
     """A backend, or one of its rows: ``zenoh``, ``zenoh-peer``, ``module:Class``. Raises `BackendNotFound`."""
-    for found in find_backends().values():
+    backends = find_backends()
+    first, colon, _ = name.partition(":")
+    if colon and first in backends and (declaration := backends[first].declaration) and declaration.variants:
+        rows = ", ".join(f"{first}-{variant}" for variant in declaration.variants)
+        raise BackendNotFound(f"no backend {name!r}; rows of {first} are {rows} (MODULE:CLASS names an adapter)")
+    for found in backends.values():
         variant = name.removeprefix(f"{found.name}-")
         if found.declaration is not None and variant != name and variant in found.declaration.variants:
             only = {variant: {**found.declaration.variants[variant], "default": True}}

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from nros_conformance.campaign.rows import rows_of, with_known
+from nros_conformance.campaign.rows import find_rows, rows_of, with_known
 from nros_conformance.cli.main import main
 from nros_conformance.formats.places import FormatError
 from nros_conformance.report.results import read_report
-from nros_conformance.rmw.discovery import find_backend
+from nros_conformance.rmw.discovery import BackendNotFound, find_backend
 from nros_conformance.suite.loader import load_suites
 
 SUITES = load_suites()
@@ -83,3 +83,12 @@ def test_verdicts_are_written_as_junit_xml(tmp_path: Path) -> None:
     assert main([*run, "--scenario", "reg.raises-message-lost"]) == 0
     assert file.read_text(encoding="utf-8").startswith("<?xml version='1.0' encoding='utf-8'?>\n<testsuites ")
     assert 'testcase classname="uorb.registration" name="reg.raises-message-lost"' in file.read_text(encoding="utf-8")
+
+
+def test_a_row_written_with_a_colon_is_told_apart_from_a_class() -> None:
+    with pytest.raises(BackendNotFound) as caught:
+        find_rows("zenoh:router")
+    assert str(caught.value) == (
+        "no backend 'zenoh:router'; rows of zenoh are zenoh-peer, zenoh-router (MODULE:CLASS names an adapter)"
+    )
+    assert find_rows("nros_backends.uorb:UorbBackend").name == "uorb"

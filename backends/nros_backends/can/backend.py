@@ -107,4 +107,6 @@ class CanBackend(Backend):
         return inject(fault, arguments)
 
     def versions(self) -> Mapping[str, str]:
+        """Raises `RmwError` CONNECTION_FAILED when the bus that the options name is not there."""
+        self._buses.check()
         return {"python-can": importlib.metadata.version("python-can")}

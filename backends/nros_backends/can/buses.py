@@ -40,6 +40,9 @@ _REMEDIES = {
 }
 """For socketcan."""
 
+_OURS = ("virtual", "udp_multicast")
+"""Interfaces that need nothing of the machine."""
+
 _OWN_OPTIONS = frozenset({"fd", "subjects", "interface", "channel", "node"})
 
 
@@ -102,6 +105,11 @@ class Buses:
     def scratch(self) -> Path | None:
         """Where sessions of several processes keep apart, None when all live in this one."""
         return self._host.scratch if self._host.processes else None
+
+    def check(self) -> None:
+        """Whether a bus of the machine is there, before anything is played on it. Raises `RmwError` as `open`."""
+        if self._ready is None and self.interface not in _OURS:
+            self.open(0).bus.shutdown()
 
     def open(self, domain: int) -> Wiring:
         """A new bus object. Raises `RmwError` CONNECTION_FAILED, INVALID_CONFIG."""

@@ -1,4 +1,4 @@
-"""A TCP proxy on loopback that sees frames: what passes can be held up, delayed, cut in half or taken out.
+"""A TCP proxy on loopback that sees frames: what passes can be held up, delayed, cut in half or emptied.
 
 A frame is a little-endian u16 length and so many bytes, as zenoh sends them over TCP. All proxies of a backend
 run on the event loop of one thread.
@@ -15,10 +15,13 @@ from typing import Any, TypeVar
 _T = TypeVar("_T")
 
 _LENGTH = 2
+_KEEP_ALIVE = b"\x01\x00\x04"
+"""A frame with the transport message KeepAlive."""
+
 _START_S = 5.0
 
 Filter = Callable[[bytes], bool]
-"""Whether a frame is to be taken out."""
+"""Whether a frame is to be taken out: a KeepAlive passes in its place."""
 
 
 class Loop:
@@ -190,7 +193,8 @@ class _Side(asyncio.Protocol):
                 self._rest = frame[size // 2 :]
                 frame = frame[: size // 2]
             elif self._flow.takes_out(frame):
-                continue
+                # Who has just sent data sends no sign of life, and a lease must not run out because data got lost.
+                frame = _KEEP_ALIVE
             self._forward(frame)
         if self._ended and not self._flow.held:
             self._end()

@@ -255,11 +255,12 @@ def test_without_socketcan_it_is_said_what_brings_it(monkeypatch: pytest.MonkeyP
         raise OSError(number, "it says")
 
     monkeypatch.setattr("can.Bus", bus)
-    options = {"interface": "socketcan", "channel": "vcan7,vcan8"}
-    with pytest.raises(RmwError) as raised:
-        CanBackend(Host(MonotonicClock(), options=options)).create_session(SessionOptions())
-    assert raised.value.code is ReturnCode.CONNECTION_FAILED
-    assert raised.value.detail == f"socketcan: [Errno {number}] it says{remedy}"
+    backend = CanBackend(Host(MonotonicClock(), options={"interface": "socketcan", "channel": "vcan7,vcan8"}))
+    for call in (lambda: backend.create_session(SessionOptions()), backend.versions):
+        with pytest.raises(RmwError) as raised:
+            call()
+        assert raised.value.code is ReturnCode.CONNECTION_FAILED
+        assert raised.value.detail == f"socketcan: [Errno {number}] it says{remedy}"
 
 
 def test_the_page_about_buses_is_true(capsys: pytest.CaptureFixture[str]) -> None:

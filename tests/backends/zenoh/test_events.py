@@ -165,6 +165,26 @@ def test_frames_taken_out_of_the_wire_are_counted_exactly(
     assert log.last == 23
 
 
+@pytest.mark.parametrize("variant", ["peer", "router"])
+def test_losing_for_longer_than_a_lease_leaves_the_connection_alone(
+    make_stage: Callable[..., Any], variant: str
+) -> None:
+    stage = make_stage(variant, "lose")
+    publisher, subscription = stage.pair(reliability=Reliability.BEST_EFFORT, depth=64)
+    lost, matched = stage.log(subscription, LOST), stage.log(subscription, LIVELINESS_CHANGED)
+
+    def publish() -> int:
+        stage.drive(20)
+        return int(publisher.publish_raw(b"gone"))
+
+    publisher.publish_raw(b"head")
+    assert stage.backend.inject("lose", entity=publisher, count=50, publish=publish) == ReturnCode.OK
+    publisher.publish_raw(b"tail")
+    assert stage.receive(subscription, 2) == [b"head", b"tail"]
+    stage.until(lambda: lost.last == 50)
+    assert [tuple(status) for status in matched.statuses] == [(1, 0, 1, 0)]
+
+
 def test_duplicates_arrive_once_and_what_was_overtaken_arrives(peers: Any) -> None:
     publisher, subscription = peers.pair(depth=64)
     log = peers.log(subscription, LOST)
