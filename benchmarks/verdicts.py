@@ -1,10 +1,11 @@
 """No false verdict: the reference, which is right by definition, gets the same verdict however often it is played.
 
-Each scenario is played 200 times in virtual time, each time with another seed, and 20 times in real time while every
-core is kept busy by other processes. Anything but one same verdict is printed; inconclusive ones are allowed in real
-time, and counted. Real time leaves out what needs a process per session, because the sessions share one world.
+Each scenario is played 200 times in virtual time, each time with another seed, 100 times on simulated hosts that are
+too slow (`tests.suites.slow_host`), and 20 times in real time while every core is kept busy by other processes.
+Anything but one same verdict is printed; inconclusive ones are allowed where time is short, and counted. Real time
+leaves out what needs a process per session, because the sessions share one world.
 
-    python -m benchmarks.verdicts [--virtual 200] [--real 20] [--at-once 24] [--suite NAME]
+    python -m benchmarks.verdicts [--virtual 200] [--slow 100] [--real 20] [--at-once 24] [--suite NAME]
 """
 
 from __future__ import annotations
@@ -30,31 +31,34 @@ from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.run import RowRun
 from nros_conformance.campaign.selection import Selection, decide
 from nros_conformance.judge.judge import judge
+from nros_conformance.judge.results import Verdict
 from nros_conformance.play.adapters import load_adapter
-from nros_conformance.play.faults import PROCESS_FAULTS
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.play.player import play_virtually
-from nros_conformance.suite.loader import Suites, load_suites
+from nros_conformance.suite.loader import Loaded, Suites, load_suites
 from nros_conformance.trace.records import Header, Trace
+from tests.suites.slow_host import play_slowly, reference_row
+
+HOSTS = ((0.03, 1.5), (0.01, 3.0), (0.004, 6.0))
+"""Hosts that are too slow: the chance of standing still, and for how many times T at most."""
+
+CYCLES = ("lif.many", "lif.session-cycles")
+"""Thousands of the same take long, and tell no more."""
 
 
 class Job(NamedTuple):
-    """A share of the scenarios to play in virtual time, so many times each."""
+    """A share of the scenarios to play in virtual time, so many times each; ``slow``: see `HOSTS`."""
 
     keys: tuple[str, ...]
     plays: int
+    slow: bool = False
 
 
-def control_row(*, real: bool) -> Row:
-    """The reference; on the real clock without the faults that are real signals there."""
+def control_row() -> Row:
+    """The reference on its virtual clock."""
     found = find_control()
-    declaration = found.declaration
-    assert declaration is not None
-    if not real:
-        return Row(declaration, found.adapter)
-    faults = {name: how for name, how in declaration.faults.items() if name not in PROCESS_FAULTS}
-    behaviour = msgspec.structs.replace(declaration.behaviour, clock="real")
-    return Row(msgspec.structs.replace(declaration, behaviour=behaviour, faults=faults), found.adapter)
+    assert found.declaration is not None
+    return Row(found.declaration, found.adapter)
 
 
 @functools.cache
@@ -65,40 +69,56 @@ def everything() -> Suites:
 
 def play_share(job: Job) -> dict[str, Counter[str]]:
     """By scenario: how often each verdict came, with its reason."""
-    suites, row = everything(), control_row(real=False)
-    adapter, chosen = load_adapter(row.adapter), Selection("publish", keys=frozenset(job.keys)).choose(suites)
-    counted = {}
-    for one in chosen:
-        plan = make_plan(one, row, suites, Path())
-        verdicts: Counter[str] = Counter()
-        for seed in range(job.plays):
-            seeded = msgspec.structs.replace(plan, header=msgspec.structs.replace(plan.header, seed=seed))
-            header, *records = play_virtually(seeded, adapter)
-            assert isinstance(header, Header)
-            verdict = judge(Trace(header, tuple(records)))  # type: ignore[arg-type]
-            verdicts[f"{verdict.verdict} {verdict.reason}".strip()] += 1
-        counted[one.key] = verdicts
-    return counted
+    chosen = Selection("publish", keys=frozenset(job.keys)).choose(everything())
+    play = played_slowly if job.slow else played_virtually
+    return {one.key: Counter(play(one, job.plays)) for one in chosen}
 
 
-def virtual(plays: int, suites: tuple[str, ...]) -> int:
-    """Play all in two processes. The number of scenarios with anything but passes."""
-    row = control_row(real=False)
+def played_virtually(one: Loaded, plays: int) -> Iterator[str]:
+    """The verdicts of so many plays, each with another seed."""
+    row = control_row()
+    adapter, plan = load_adapter(row.adapter), make_plan(one, row, everything(), Path())
+    for seed in range(plays):
+        seeded = msgspec.structs.replace(plan, header=msgspec.structs.replace(plan.header, seed=seed))
+        header, *records = play_virtually(seeded, adapter)
+        assert isinstance(header, Header)
+        yield told(judge(Trace(header, tuple(records))))  # type: ignore[arg-type]
+
+
+def played_slowly(one: Loaded, plays: int) -> Iterator[str]:
+    """The verdicts of so many plays, on each of `HOSTS` in turn."""
+    row = reference_row()
+    for seed in range(plays):
+        verdict = play_slowly(one, row, everything(), seed, *HOSTS[seed % len(HOSTS)])
+        said = told(verdict)
+        yield said if said == "pass" else verdict.verdict if verdict.verdict == "inconclusive" else f"{said}, {seed=}"
+
+
+def told(verdict: Verdict) -> str:
+    """In a few words."""
+    return f"{verdict.verdict} {verdict.reason}".strip() if verdict.verdict != "pass" else "pass"
+
+
+def virtual(plays: int, suites: tuple[str, ...], *, slow: bool) -> int:
+    """Play all in two processes. How many scenarios had another verdict than they may."""
+    row = reference_row() if slow else control_row()
     keys = [
         one.key
         for one in Selection("publish", suites).choose(everything())
-        if decide(one, row.declaration).status == "play"
+        if decide(one, row.declaration).status == "play" and not (slow and one.key.startswith(CYCLES))
     ]
-    shares = [Job(tuple(keys[first : first + 20]), plays) for first in range(0, len(keys), 20)]
-    begun, wrong = time.monotonic(), 0
+    shares = [Job(tuple(keys[first : first + 20]), plays, slow) for first in range(0, len(keys), 20)]
+    begun, wrong, unclear = time.monotonic(), 0, 0
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         for counted in pool.map(play_share, shares):
             for key, verdicts in counted.items():
-                if set(verdicts) != {"pass"}:
+                unclear += verdicts.pop("inconclusive", 0) if slow else 0
+                if set(verdicts) - {"pass"}:
                     wrong += 1
                     print(f"  {key}: {dict(verdicts)}", flush=True)
+    host, doubts = ("slow hosts", f", {unclear} plays inconclusive") if slow else ("virtual time", "")
     print(
-        f"virtual time: {len(keys)} scenarios x {plays} plays, {wrong} with anything but passes; "
+        f"{host}: {len(keys)} scenarios x {plays} plays, {wrong} with anything but passes{doubts}; "
         f"{time.monotonic() - begun:.0f} s",
         flush=True,
     )
@@ -107,9 +127,13 @@ def virtual(plays: int, suites: tuple[str, ...]) -> int:
 
 def one_round(at_once: int, suites: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...], str]]:
     """All scenarios once in real time: key, the verdicts of all attempts, the last reason."""
+    chosen = Selection("publish", suites).choose(everything())
+    keys = frozenset(
+        one.key for one in chosen if all(session.process != "own" for session in one.scenario.sessions.values())
+    )
     with lease_ports() as ports, tempfile.TemporaryDirectory() as folder:
         run = RowRun(
-            control_row(real=True), everything(), Selection("publish", suites), Path(folder), ports=ports,
+            reference_row(), everything(), Selection("publish", keys=keys), Path(folder), ports=ports,
             control=None, watch=lambda progress: None, at_once=at_once,
         )  # fmt: skip
         for result in run.play().results:
@@ -151,13 +175,15 @@ def main() -> None:
     """Play, count, print; exit 1 after a false verdict."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--virtual", type=int, default=200, metavar="PLAYS")
+    parser.add_argument("--slow", type=int, default=100, metavar="PLAYS")
     parser.add_argument("--real", type=int, default=20, metavar="ROUNDS")
     parser.add_argument("--at-once", type=int, default=24)
     parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, metavar="PROCESSES")
     parser.add_argument("--suite", action="append", default=[])
     options = parser.parse_args()
     suites = tuple(options.suite)
-    wrong = virtual(options.virtual, suites) if options.virtual else 0
+    wrong = virtual(options.virtual, suites, slow=False) if options.virtual else 0
+    wrong += virtual(options.slow, suites, slow=True) if options.slow else 0
     wrong += real(options.real, options.at_once, options.hogs, suites) if options.real else 0
     sys.exit(1 if wrong else 0)
 

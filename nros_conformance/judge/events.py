@@ -126,9 +126,9 @@ class _Periodic:
         events = self.index.events_of(self.entity, self.kind)
         told = sum(seen.change for seen in events if seen.when.hi < self.since.lo)
         # Told they were before the first period since was over, or together with the first miss that it brought.
-        over = self.since.lo + self.period - self.index.early
-        before = sum(seen.change for seen in events if self.since.lo <= seen.when.hi < over)
-        with_first = next((seen.change - 1 for seen in events if seen.when.hi >= over), 0)
+        over = self.since.hi + self.period
+        before = sum(seen.change for seen in events if self.since.lo <= seen.when.hi and seen.when.lo < over)
+        with_first = next((seen.change - 1 for seen in events if seen.when.lo >= over), 0)
         return max(0, min(sum(gap // self.period for gap in gaps) - told, before + with_first))
 
     def judge(self) -> Judged:

@@ -8,7 +8,7 @@ from nros_conformance.judge.callbacks import not_made
 from nros_conformance.judge.calls import fits, told
 from nros_conformance.judge.events import span
 from nros_conformance.judge.findings import Judged, clock, milliseconds
-from nros_conformance.judge.index import Index
+from nros_conformance.judge.index import CALLS, Index
 from nros_conformance.judge.intervals import INF, Interval
 from nros_conformance.judge.moments import resolve
 from nros_conformance.suite import schema
@@ -16,7 +16,7 @@ from nros_conformance.trace.records import Act
 
 
 def gap(index: Index, given: schema.GapGiven) -> Judged:
-    """Time between consecutive actions, wherever each of them lies in its interval."""
+    """Time between consecutive actions, wherever each of them lies in its interval; drive_io is where it begins."""
     bounds = [f"at least {given.min}"] if given.min is not None else []
     bounds += [f"at most {given.max}"] if given.max is not None else []
     labels = [given.gap] if isinstance(given.gap, str) else given.gap
@@ -26,12 +26,12 @@ def gap(index: Index, given: schema.GapGiven) -> Judged:
             return not_made(index, label)._replace(outcome="unclear", wanted=wanted)
     acts = [act for label in labels for act in index.acts_of(label)]
     # Actions may overlap, so their order is open; the n-th of them still lies between the n-th begin and the n-th end.
-    begins, ends = sorted(acts, key=lambda act: act.begin), sorted(acts, key=lambda act: act.end)
+    begins, ends = sorted(acts, key=lambda act: act.begin), sorted(acts, key=_done)
     most = given.max.ns(index.quantities) if given.max is not None else INF
     least = given.min.ns(index.quantities) if given.min is not None else -INF
     widest = 0
     for (earliest, following), (latest, last) in zip(pairwise(begins), pairwise(ends), strict=True):
-        between = Interval(following.begin - latest.end, last.end - earliest.begin)
+        between = Interval(following.begin - _done(latest), _done(last) - earliest.begin)
         widest = max(widest, between.hi)
         where = f"between {_which(earliest)} and {_which(following)}, {clock(index, last.end)}"
         if between.hi > most:
@@ -41,6 +41,10 @@ def gap(index: Index, given: schema.GapGiven) -> Judged:
             got = f"down to {milliseconds(between.lo)} {where}"
             return Judged("unclear", wanted, got, between.lo - least, last.end)
     return Judged("pass", wanted, f"{milliseconds(widest)} at most")
+
+
+def _done(act: Act) -> int:
+    return act.begin if act.op in CALLS else act.end
 
 
 def _which(act: Act) -> str:

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from nros_conformance.formats.places import FormatError
 from nros_conformance.judge.calls import UnknownAnswer
 from nros_conformance.judge.expectations import judge_part, name_of
-from nros_conformance.judge.findings import Judged
-from nros_conformance.judge.index import Index, MissingQuantity
+from nros_conformance.judge.findings import Judged, milliseconds
+from nros_conformance.judge.index import CALLS, Index, MissingQuantity
 from nros_conformance.judge.invariants import INVARIANTS
 from nros_conformance.judge.results import Finding, Verdict, VerdictName
 from nros_conformance.judge.standing import answered
@@ -35,7 +35,7 @@ def judge(trace: Trace) -> Verdict:
         return Verdict(verdict="error", reason=f"the harness failed: {end.detail}")
     try:
         index = Index(trace, typed(trace.header.scenario))
-        conditions = [*_faults(index), *(_condition(index, one) for one in index.scenario.given)]
+        conditions = [*_faults(index), *_idling(index), *(_condition(index, one) for one in index.scenario.given)]
         conditions = [_excused(one, {}, None, index) for one in conditions]
         expected = [_finding(name_of(one), one.requirements, judge_part(index, one)) for one in index.scenario.expect]
     except FormatError as error:
@@ -95,6 +95,25 @@ def _faults(index: Index) -> list[Finding]:
         )
         for one in refused
     ]  # fmt: skip
+
+
+def _idling(index: Index) -> list[Finding]:
+    """A condition for each idling in whose time something was to happen that came only afterwards.
+
+    The harness drives by itself again as soon as it is over, and delivers what was to come inside a call of the script.
+    """
+    acts = [act for _, act in index.all_acts if not act.within]
+    found = []
+    for together in acts:
+        during = [act for act in acts if together.op == "parallel" and together.begin <= act.begin <= together.end]
+        calls = [act for act in during if act.op in CALLS and act.session]
+        for idle in (act for act in during if act.op == "idle"):
+            late = next((call for call in calls if call.begin > idle.end), None)
+            # A call that was under way then may have taken too long: that is the backend's doing.
+            if late is not None and not any(call.begin <= idle.end < call.end for call in calls):
+                got = f"it was over {milliseconds(late.begin - idle.end)} before {late.label}[{late.index}] began"
+                found.append(_finding("given idle", (), Judged("unclear", "all beside it", got, at=idle.end)))
+    return found
 
 
 def _condition(index: Index, given: object) -> Finding:

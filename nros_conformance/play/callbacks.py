@@ -51,9 +51,5 @@ class _Note:
         )  # fmt: skip
 
     def react(self, kind: int) -> None:
-        driver = self._actor.driver
-        driver.running += 1
-        try:
+        with self._actor.driver.callback():
             self._stage.react(self._actor, kind, self._registration)
-        finally:
-            driver.running -= 1

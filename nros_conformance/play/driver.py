@@ -9,7 +9,8 @@ from __future__ import annotations
 import heapq
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from nros_conformance.trace.records import Act, AnyRecord, Spin
 _QUIET_NS = 50 * MS
 """No longer stretch of quiet calls is one record: a window of an expectation that closes within a record
 leaves all of it open, so records are short against the shortest periods (100 ms)."""
+
+_NOT_DRIVEN = (-1, -1)
 
 _REST_NS = 1 * MS
 """A quiet drive_io that returned at once is followed by this pause, or the loop would burn a core."""
@@ -104,8 +107,14 @@ class Driver:
         self._signal = clock.signal()
         self._stopped = False
         self._quiet: Spin | None = None
+        self._span = _NOT_DRIVEN
+        """Begin and end of the last `drive`, without what is written down before and after."""
         self._held: list[AnyRecord] = []
         self._delay_at_spin = 0
+        self._in_callbacks = 0
+        """Time of the drive_io in progress, ns."""
+        self._in_calls = 0
+        """All time in calls that callbacks made, ns."""
         self.task = self._start()
 
     @property
@@ -139,8 +148,24 @@ class Driver:
         self._signal.set()
 
     def wait_in_spin(self) -> int:
-        """How long this thread was runnable but not running since the drive_io in progress began, ns."""
-        return self.clock.run_delay_ns() - self._delay_at_spin
+        """For how much of the drive_io in progress the backend is not to blame, ns.
+
+        This thread was runnable but not running, or in callbacks, which are the harness's.
+        """
+        return self.clock.run_delay_ns() - self._delay_at_spin + self._in_callbacks
+
+    @contextmanager
+    def callback(self) -> Iterator[None]:
+        """A callback of the harness runs: only the calls that it makes take time of the backend's."""
+        self.running += 1
+        begin, calls, delay = self.clock.now_ns(), self._in_calls, self.clock.run_delay_ns()
+        try:
+            yield
+        finally:
+            self.running -= 1
+            if not self.running and self.clock.task_id() == self.thread:
+                took = self.clock.now_ns() - begin - (self._in_calls - calls)
+                self._in_callbacks += max(took - (self.clock.run_delay_ns() - delay), 0)
 
     def drive(self, timeout_ms: int, cap: int | None = None, call: Callable[[], int] | None = None) -> int | None:
         """One drive_io (or ``call`` in its place), recorded; on this thread only.
@@ -150,6 +175,7 @@ class Driver:
         assert self.session is not None
         before = self.callbacks
         self.spins += 1
+        self._in_callbacks = 0
         self._delay_at_spin = self.clock.run_delay_ns()
         begin = self.clock.now_ns()
         self.inside = True
@@ -172,6 +198,7 @@ class Driver:
             for record in self._held:
                 self.record(record)
             self._held.clear()
+        self._span = begin, end
         if code:
             self.refused_ns = end
         self._note(begin, end, wait, self.callbacks - before, int(code), raised)
@@ -244,7 +271,7 @@ class Driver:
         if command.record:
             self.flush()  # a drive that the script calls is a record of its own
         outer, delay = self.calling, self.clock.run_delay_ns()
-        command.begin = self.clock.now_ns()
+        command.begin, self._span = self.clock.now_ns(), _NOT_DRIVEN
         self.calling = (command.op, command.begin)
         try:
             command.result = command.run()
@@ -259,6 +286,10 @@ class Driver:
             self.calling = outer
         command.run = _made  # it may hold a callback that the script wants to see released
         command.end = self.clock.now_ns()
+        if self._span != _NOT_DRIVEN:
+            command.begin, command.end = self._span
+        if self.running:
+            self._in_calls += command.end - command.begin
         wait = self.clock.run_delay_ns() - delay
         if command.record:
             self.flush()

@@ -39,9 +39,8 @@ class Messages:
 
     def _spun(self, actor: Actor, data: bytes) -> None:
         actor.driver.callbacks += 1
-        actor.driver.running += 1
-        self._note(actor, data, callback=True)
-        actor.driver.running -= 1
+        with actor.driver.callback():
+            self._note(actor, data, callback=True)
 
     def take(self, actor: Actor, limit: int | None, size: int) -> int:
         """Take up to ``limit`` samples; how many, or the code when there was none."""

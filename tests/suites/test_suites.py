@@ -16,13 +16,14 @@ from nros_conformance.campaign.selection import decide, proven
 from nros_conformance.judge.judge import judge
 from nros_conformance.play.plan import expected_ns
 from nros_conformance.play.player import play_virtually
+from nros_conformance.play.process import QUANTITIES
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.declaration import Declaration
 from nros_conformance.rmw.discovery import find_backend
 from nros_conformance.suite.kinds import faults_needed
 from nros_conformance.suite.loader import Loaded, Suites, load_suites
 from nros_conformance.suite.schema import PROFILES
-from nros_conformance.trace.records import AnyRecord, Event, Header, Trace
+from nros_conformance.trace.records import AnyRecord, Event, Header, Measure, Trace
 
 LONGEST_NS = 4_000 * MS
 """Of a standard scenario at T = 130 ms; those that are longer belong to the profile publish."""
@@ -66,6 +67,8 @@ def comparable(records: Sequence[AnyRecord]) -> list[AnyRecord]:
         if isinstance(record, Event):
             thread, driver = (numbers.setdefault(one, len(numbers)) for one in (record.thread, record.driver))
             plain.append(replace(record, thread=thread, driver=driver))
+        elif isinstance(record, Measure) and record.what in QUANTITIES:
+            plain.append(replace(record, value=0))  # of the process of the tests, where other things go on
         else:
             plain.append(record)
     return plain

@@ -68,6 +68,9 @@ def _says(request: LibraryRequest, answers: Answers, declaration: Declaration, c
             "a second session in a process fails, so scenarios with two stay untested; "
             "if their number is set when it is built, build it with room for 8"
         )
+    elif not request.sessions:
+        pairs = declaration.bounds.sessions // 2
+        lines.append(f"at once: {pairs} scenarios of two sessions each; more with --sessions N, if it can")
     if request.declaration is None:
         claims = ", ".join(f"{label} {claim}" for label, claim in declaration.claims().items())
         lines.append(f"derived from return codes: {claims}; for claims of yours: --declaration FILE, see declare")
