@@ -104,8 +104,8 @@ def _idling(index: Index) -> list[Finding]:
     """
     acts = [act for _, act in index.all_acts if not act.within]
     found = []
-    for together in acts:
-        during = [act for act in acts if together.op == "parallel" and together.begin <= act.begin <= together.end]
+    for together in (act for act in acts if act.op == "parallel"):
+        during = [act for act in acts if together.begin <= act.begin <= together.end]
         calls = [act for act in during if act.op in CALLS and act.session]
         for idle in (act for act in during if act.op == "idle"):
             late = next((call for call in calls if call.begin > idle.end), None)

@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from nros_conformance.judge.results import Finding
-from tests.judge.build import RDM, act, counted, fault, publish, spin, spins, step, take, taken, verdict
+from tests.judge.build import RDM, act, call, counted, fault, publish, spin, spins, step, take, taken, verdict
 
 EXPECT = {"never": RDM, "of": "listener"}
 REST = step("rest", 0, 400)
@@ -154,3 +154,26 @@ def test_a_fault_that_was_not_injected_is_a_condition_that_is_not_met() -> None:
         "given fault lose: hole answered UNSUPPORTED (-5); wanted lose is injected",
     )
     assert verdict(EXPECT, fault("hole", 10, "lose", "talker"), spins(0, 400), REST).verdict == "pass"
+
+
+def test_a_drive_is_where_it_begins() -> None:
+    records = [act("one", 10), call("first", 90, 200)]
+    assert condition({"gap": ["one", "first"], "max": "85ms"}, records).outcome == "pass"
+    found = condition({"gap": ["one", "first"], "max": "75ms"}, records)
+    assert (found.outcome, found.got) == ("unclear", "up to 80 ms between one[0] and first[0], at 200.0 ms")
+
+
+@pytest.mark.parametrize(
+    ("calls", "got"),
+    [
+        ([(50, 50), (99, 150)], ""),
+        ([(50, 50), (120, 120)], "it was over 20 ms before call[1] began"),
+        ([(50, 110), (120, 120)], ""),  # the backend took its time
+        ([(160, 160)], ""),  # after all that belongs together
+    ],
+)
+def test_what_happens_beside_an_idling_has_to_begin_before_it_is_over(calls: list[tuple[int, int]], got: str) -> None:
+    records = [step("together", 0, 155, op="parallel"), step("asleep", 0, 100, op="idle")]
+    records += [call("call", begin, end, index=n) for n, (begin, end) in enumerate(calls)]
+    findings = verdict(EXPECT, records, spins(0, 20, session="pub"), REST).findings
+    assert [(one.outcome, one.got) for one in findings if one.name == "given idle"] == [("unclear", got)] * bool(got)
