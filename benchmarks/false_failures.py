@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -49,41 +50,42 @@ def runs(command: Sequence[str], folders: Sequence[Path]) -> float:
     return time.monotonic() - begun
 
 
-def count(reports: Sequence[Report], label: str) -> tuple[int, int, int, int]:
-    """Scenarios played, failures (printed), unclear at first, unclear after all."""
-    results = [(report.row, result) for report in reports for result in report.results if result.attempts]
-    failed = [(row, one) for row, one in results if one.verdict in ("fail", "error") and not one.known]
-    for row, one in failed:
-        print(f"  {label}: {row} {one.key}: {one.last.reason if one.last else ''}", flush=True)
+def count(reports: Sequence[Report], label: str) -> Counter[str]:
+    """How many were played, failed (printed), were unclear at first, and after all."""
+    found = Counter[str]()
     for report in reports:
         if not report.available:
+            found["failed"] += 1
             print(f"  {label}: {report.row} is not available: {report.unavailable_reason}", flush=True)
-    return (
-        len(results),
-        len(failed) + sum(not report.available for report in reports),
-        sum(one.attempts[0].verdict.verdict == "inconclusive" for _, one in results),
-        sum(one.verdict == "inconclusive" for _, one in results),
-    )
+        for one in report.results:
+            if not one.attempts:
+                continue
+            found["played"] += 1
+            found["unclear at first"] += one.attempts[0].verdict.verdict == "inconclusive"
+            found["unclear"] += one.verdict == "inconclusive"
+            if one.verdict in ("fail", "error") and not one.known:
+                found["failed"] += 1
+                print(f"  {label}: {report.row} {one.key}: {one.attempts[-1].verdict.reason}", flush=True)
+    return found
 
 
 def series(host: str, number: int, command: Sequence[str], keep: Path) -> int:
     """That many runs on such a host; the false failures."""
     at_once = 2 if host == "shared" else 1
-    totals, seconds = (0, 0, 0, 0), []
+    totals, seconds = Counter[str](), []
     with load((os.cpu_count() or 1) if host == "loaded" else 0):
         for first in range(0, number, at_once):
             folders = [keep / f"{host}-{each}" for each in range(first, min(first + at_once, number))]
             seconds.append(runs(command, folders))
             for folder in folders:
-                found = count(read_reports(folder), folder.name)
-                totals = tuple(map(sum, zip(totals, found, strict=True)))  # type: ignore[assignment]
-    played, failed, first_unclear, unclear = totals
+                totals += count(read_reports(folder), folder.name)
     print(
-        f"{host:<7} {number} runs, {played} scenarios: {failed} failures, {first_unclear} unclear at first, "
-        f"{unclear} after repeats; {min(seconds):.1f} to {max(seconds):.1f} s a run",
+        f"{host:<7} {number} runs, {totals['played']} scenarios: {totals['failed']} failures, "
+        f"{totals['unclear at first']} unclear at first, {totals['unclear']} after repeats; "
+        f"{min(seconds):.1f} to {max(seconds):.1f} s a run",
         flush=True,
     )
-    return failed
+    return totals["failed"]
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import itertools
 import os
 import sys
 import tempfile
@@ -31,16 +32,12 @@ from nros_conformance.campaign.plans import Row, make_plan
 from nros_conformance.campaign.run import RowRun
 from nros_conformance.campaign.selection import Selection, decide
 from nros_conformance.judge.judge import judge
-from nros_conformance.judge.results import Verdict
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.play.player import play_virtually
 from nros_conformance.suite.loader import Loaded, Suites, load_suites
 from nros_conformance.trace.records import Header, Trace
-from tests.suites.slow_host import play_slowly, reference_row
-
-HOSTS = ((0.03, 1.5), (0.01, 3.0), (0.004, 6.0))
-"""Hosts that are too slow: the chance of standing still, and for how many times T at most."""
+from tests.suites.slow_host import HOSTS, play_slowly, reference_row
 
 CYCLES = ("lif.many", "lif.session-cycles")
 """Thousands of the same take long, and tell no more."""
@@ -82,21 +79,18 @@ def played_virtually(one: Loaded, plays: int) -> Iterator[str]:
         seeded = msgspec.structs.replace(plan, header=msgspec.structs.replace(plan.header, seed=seed))
         header, *records = play_virtually(seeded, adapter)
         assert isinstance(header, Header)
-        yield told(judge(Trace(header, tuple(records))))  # type: ignore[arg-type]
+        verdict = judge(Trace(header, tuple(records)))  # type: ignore[arg-type]
+        yield f"{verdict.verdict} {verdict.reason}".strip()
 
 
 def played_slowly(one: Loaded, plays: int) -> Iterator[str]:
-    """The verdicts of so many plays, on each of `HOSTS` in turn."""
+    """The verdicts of so many plays, on each of `HOSTS` in turn; why and how to see it again, if it is a false one."""
     row = reference_row()
-    for seed in range(plays):
-        verdict = play_slowly(one, row, everything(), seed, *HOSTS[seed % len(HOSTS)])
-        said = told(verdict)
-        yield said if said == "pass" else verdict.verdict if verdict.verdict == "inconclusive" else f"{said}, {seed=}"
-
-
-def told(verdict: Verdict) -> str:
-    """In a few words."""
-    return f"{verdict.verdict} {verdict.reason}".strip() if verdict.verdict != "pass" else "pass"
+    adapter, plan = load_adapter(row.adapter), make_plan(one, row, everything(), Path())
+    for seed, host in zip(range(plays), itertools.cycle(HOSTS.values())):
+        verdict = play_slowly(plan, adapter, seed, *host)
+        false = verdict.verdict not in ("pass", "inconclusive")
+        yield f"{verdict.verdict} {verdict.reason}, {seed=}" if false else verdict.verdict
 
 
 def virtual(plays: int, suites: tuple[str, ...], *, slow: bool) -> int:

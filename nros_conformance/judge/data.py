@@ -23,17 +23,13 @@ def _sample(identity: tuple[str, int]) -> str:
     return f"sample {identity[1]} of {identity[0]}"
 
 
-def _count(number: int) -> str:
-    return many(number, "sample")
-
-
 # --- received -------------------------------------------------------------------------------------
 
 
 def received(index: Index, expected: schema.Received | schema.ReceivedGiven) -> Judged:
     """Which samples of a label the takes of a subscription returned: in order of publishing, each once."""
     amount = {"all": "all samples", "none": "no sample"}.get(str(expected.is_)) or (
-        _count(expected.is_) if isinstance(expected.is_, int) else ""
+        many(expected.is_, "sample") if isinstance(expected.is_, int) else ""
     )
     wanted = f"{amount} of {expected.received}, in order and once"
     acts = [act for act in index.acts_of(expected.received) if act.op == "publish"]
@@ -66,7 +62,7 @@ def _received(
     assert isinstance(wanted, int)
     if len(came) > wanted:
         late = messages[wanted]
-        got = f"{_count(len(came))}, such as {_sample((late.publisher, late.sequence))} {clock(index, late.t)}"
+        got = f"{many(len(came), 'sample')}, such as {_sample((late.publisher, late.sequence))} {clock(index, late.t)}"
         return Judged("fail", "", got, at=late.t)
     session = index.session_of(entity)
     if len(came) < wanted:

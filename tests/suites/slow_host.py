@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import sys
 import zlib
-from pathlib import Path
 from random import Random
 
 import greenlet
 import msgspec
 
 from nros_conformance.campaign.control import find_control
-from nros_conformance.campaign.plans import Row, make_plan
+from nros_conformance.campaign.plans import Row
 from nros_conformance.judge.judge import judge
 from nros_conformance.judge.results import Verdict
-from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.faults import PROCESS_FAULTS
+from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play
+from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.clock import Signal, VirtualClock
-from nros_conformance.suite.loader import Loaded, Suites
 from nros_conformance.trace.records import AnyRecord, Header, Trace
+
+HOSTS = {"often for short": (0.03, 1.5), "now and then": (0.01, 3.0), "seldom for long": (0.004, 6.0)}
+"""The chance of standing still, and for how many times T at most."""
 
 _BACKENDS_OWN = ("/nros_backends/", "/model/")
 
@@ -60,9 +62,8 @@ def reference_row() -> Row:
     return Row(msgspec.structs.replace(found.declaration, behaviour=behaviour, faults=faults), found.adapter)
 
 
-def play_slowly(one: Loaded, row: Row, suites: Suites, seed: int, often: float, longest: float) -> Verdict:
+def play_slowly(plan: Plan, adapter: type[Backend], seed: int, often: float, longest: float) -> Verdict:
     """The verdict of a play that stands still for up to ``longest`` times T; the same for the same seed."""
-    plan = make_plan(one, row, suites, Path())
     dice = Random(zlib.crc32(f"{plan.key} {seed}".encode()))
     clock = SlowHostClock(dice, often, int(longest * plan.header.quantities["T"]))
     records: list[Header | AnyRecord] = []
@@ -72,7 +73,6 @@ def play_slowly(one: Loaded, row: Row, suites: Suites, seed: int, often: float, 
         if not isinstance(record, Header):
             clock.stand_still()
 
-    adapter = load_adapter(row.adapter)
     clock.run(lambda: play(plan, adapter, clock, write))
     header, *rest = records
     assert isinstance(header, Header)
