@@ -296,9 +296,10 @@ class RowRun:
 
 def _result(one: Loaded, status: Status, **fields: Any) -> ScenarioResult:
     scenario = one.scenario
+    needed = claims_needed(scenario)
     return ScenarioResult(
         key=one.key, id=scenario.id, suite=one.suite, source=one.source, title=scenario.title, profile=scenario.profile,
         parameters=one.parameters, canonical=scenario.canonical, refusal=scenario.refusal,
-        needs=tuple(kind.label for kind in EventKind if kind.label in claims_needed(scenario)),
+        needs=tuple(kind.label for kind in EventKind if kind.label in needed),
         status=status, proves=proven(one), **fields,
     )  # fmt: skip

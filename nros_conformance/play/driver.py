@@ -23,6 +23,10 @@ _QUIET_NS = 50 * MS
 """No longer stretch of quiet calls is one record: a window of an expectation that closes within a record
 leaves all of it open, so records are short against the shortest periods (100 ms)."""
 
+_CALM_SLICES = 3
+"""Of how many slices a background drive_io may be one while the script lets time pass: nobody has a call to make
+then, and a session that waits costs nothing."""
+
 _NOT_DRIVEN = (-1, -1)
 
 _REST_NS = 1 * MS
@@ -88,6 +92,8 @@ class Driver:
         """How long one background ``drive_io`` may wait."""
         self.after_drive: list[Callable[[], None]] = []
         """Called on this thread after every drive: takes of ``take: always``."""
+        self.calm_until = 0
+        """Until when nobody will `post` a call."""
         self.inside = False
         self.running = 0
         """Callbacks that have not returned yet."""
@@ -247,7 +253,7 @@ class Driver:
 
     def _drive_until(self, due: int) -> None:
         begin, before = self.clock.now_ns(), self.callbacks
-        timeout_ms = min(self.slice_ms, max(0, due - begin) // MS)
+        timeout_ms = min(self._patience_ms(begin), max(0, due - begin) // MS)
         self.calling = ("drive_io", begin)
         try:
             if self.turn is not None:
@@ -264,6 +270,14 @@ class Driver:
         now = self.clock.now_ns()
         if (self.callbacks == before and now - begin < min(timeout_ms * MS, _REST_NS) // 2) or timeout_ms == 0:
             self.clock.wait(self._signal, min(due, now + _REST_NS))
+
+    def _patience_ms(self, now: int) -> int:
+        """How long a drive_io may last that begins now. Takes after each want to be made soon.
+
+        The last one of a calm is a usual one, and goes on when that is over: what falls due then is seen too.
+        """
+        slices = 1 if self.after_drive else (self.calm_until - now) // (self.slice_ms * MS) - 1
+        return self.slice_ms * max(1, min(slices, _CALM_SLICES))
 
     def execute(self, command: Command, within: str = "") -> None:
         """Make a call now and write it down; on this thread only. ``within``: the callback that makes it."""

@@ -3,54 +3,39 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import multiprocessing
-import multiprocessing.connection
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
-from multiprocessing import forkserver
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 
 from nros_conformance.play.faketime import preload
+from nros_conformance.play.forked import LOADED, Forked
 from nros_conformance.rmw.clock import MS
-
-_PR_SET_PDEATHSIG = 1
 
 _FREEZE_LIMIT_NS = 2_000 * MS
 """A process that the kernel cannot stop within this hangs in the kernel itself."""
 
 
-def die_with_parent() -> None:
-    """Have the kernel kill this process when its parent is gone; Linux only."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
 def _enter(connection: Connection) -> None:
     from nros_conformance.play.session_process import serve  # it imports the player, which imports this module
 
-    # Each child holds the server alive for grandchildren, which there are none of: a frozen one would do so for ever.
-    alive = getattr(forkserver._forkserver, "_forkserver_alive_fd", None)
-    if alive is not None:
-        os.close(alive)
     serve(connection)
 
 
 class SessionProcess:
     """A process and the connection to it.
 
-    Forked from a server process that has opened nothing (6 ms; a new interpreter takes 150), unless its wall
-    clock can be set: ``wall_clock`` is the file that says how. Raises `NoFaketime`.
+    Forked, unless its wall clock can be set: then it is a new interpreter, and ``wall_clock`` the file that says
+    how. Raises `NoFaketime`.
     """
 
     def __init__(self, name: str, wall_clock: Path | None = None) -> None:
         self._popen: subprocess.Popen[bytes] | None = None
-        self._process: multiprocessing.process.BaseProcess | None = None
+        self._forked: Forked | None = None
         self._wall_clock = wall_clock
         self._offset_ns = 0
         self.frozen = False
@@ -60,15 +45,10 @@ class SessionProcess:
             self._spawn(wall_clock)
 
     def _fork(self, name: str) -> None:
-        context = multiprocessing.get_context("forkserver")
-        # Loaded once for all of them; the adapter is not, it may start threads when it is imported.
-        context.set_forkserver_preload(["nros_conformance.play.session_process"])
-        self.connection, theirs = context.Pipe()
-        self._process = context.Process(target=_enter, args=(theirs,), name=name, daemon=True)
-        self._process.start()
-        theirs.close()
-        assert self._process.pid is not None
-        self.pid = self._process.pid
+        self.connection, theirs = Pipe()
+        with theirs:
+            self._forked = Forked(name, _enter, (theirs,), LOADED)
+        self.pid = self._forked.pid
 
     def _spawn(self, wall_clock: Path) -> None:
         wall_clock.parent.mkdir(parents=True, exist_ok=True)
@@ -80,7 +60,7 @@ class SessionProcess:
                 [sys.executable, "-m", "nros_conformance.play.session_process", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env={**os.environ, **environment},
             )  # fmt: skip
-        self.connection = multiprocessing.connection.Connection(ours.detach())
+        self.connection = Connection(ours.detach())
         self.pid = self._popen.pid
 
     def kill(self) -> None:
@@ -116,9 +96,8 @@ class SessionProcess:
 
     def wait(self, timeout_s: float) -> int | None:
         """The exit code (negative: the signal that killed it), or None when it still runs."""
-        if self._process is not None:
-            self._process.join(timeout_s)
-            return self._process.exitcode
+        if self._forked is not None:
+            return self._forked.wait(timeout_s)
         assert self._popen is not None
         try:
             return self._popen.wait(timeout_s)

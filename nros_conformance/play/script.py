@@ -46,6 +46,8 @@ class Script:
         """Calls made so far, by label: those of reactions and of turns of a repeat are numbered on."""
         self._waiting = Waiting(stage, self._calls.publish)
         self._random = random.Random(stage.plan.header.seed)
+        self._branches = 0
+        """Side by side now."""
         stage.react = self._react
 
     def step(self, label: str) -> Any:
@@ -101,6 +103,8 @@ class Script:
     # Time passing.
 
     def _pause(self, label: str, op: str, begin: int, duration: int) -> None:
+        if not self._branches:
+            self.stage.calm(begin + duration)
         self.stage.sleep_until(begin + duration)
         self._mark(label, op, begin)
 
@@ -184,12 +188,14 @@ class Script:
         for first in (script[0] for script in branches):
             if isinstance(first, schema.Idle):
                 self._paused[self._names[id(first)]] = self._pause_all()
+        self._branches += len(branches)
         tasks = [self.clock.spawn("branch", branch(script)) for script in branches]
         for task in tasks:
             while not self.clock.wait(task.done, self.clock.now_ns() + 60_000 * MS):
                 pass  # its own steps are bounded: a hang stops the play from inside
             if task.error is not None:
                 raise task.error
+        self._branches -= len(branches)
         if stops:
             raise stops[0]
 

@@ -16,8 +16,8 @@ from msgspec.structs import replace
 
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.driver import Command, Driver, describe
+from nros_conformance.play.forked import die_with_parent
 from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, Ready, decode_order, encode
-from nros_conformance.play.processes import die_with_parent
 from nros_conformance.play.script import Script
 from nros_conformance.play.stage import Stage
 from nros_conformance.play.starvation import Watch
@@ -110,7 +110,6 @@ class Host:
 
 def serve(connection: Connection) -> None:
     """Host the session that the first message names, until the player hangs up."""
-    die_with_parent()
     faulthandler.enable()
     sys.setswitchinterval(1.0)  # as in `worker`, and why
     line = _Line(connection)
@@ -148,6 +147,7 @@ def main() -> None:
     """Entry of ``python -m nros_conformance.play.session_process FD``, with libfaketime preloaded."""
     # libfaketime 0.9.10 answers EINVAL to clock_nanosleep on the monotonic clock, which time.sleep calls.
     setattr(time, "sleep", _sleep)  # noqa: B010 - an assignment would have to take SupportsIndex too
+    die_with_parent()
     serve(Connection(int(sys.argv[1])))
 
 

@@ -10,6 +10,7 @@ from nros_conformance.node.executor import Executor
 from nros_conformance.play.actors import Actor, qos_profile
 from nros_conformance.play.callbacks import StatusCallback
 from nros_conformance.play.driver import Command, Driver, StopPlay
+from nros_conformance.play.forked import ForkedModule
 from nros_conformance.play.messages import Messages
 from nros_conformance.play.orders import Cast
 from nros_conformance.play.peer import Peer
@@ -19,6 +20,7 @@ from nros_conformance.play.reconnection import Kept
 from nros_conformance.play.remote import RemoteDriver
 from nros_conformance.play.starvation import wait_patiently
 from nros_conformance.rmw.backend import Backend, Environment, Host, SessionOptions
+from nros_conformance.rmw.child import launch
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, Side
@@ -68,6 +70,7 @@ class Stage:
             faults=faults_needed(scenario),
             options=plan.options,
             processes=bool(only or self._apart),
+            launch=launch if only else ForkedModule,
         )
         self.backend = adapter(host)
         # In a process of its own a session has the peer of the whole play, by its locator.
@@ -171,6 +174,11 @@ class Stage:
         self.clock.wait(self.abort, when)
         if self.stopped is not None:
             raise self.stopped
+
+    def calm(self, until: int) -> None:
+        """No call will be made before ``until``."""
+        for driver in self.drivers.values():
+            driver.calm_until = until
 
     def finish(self, commands: list[Command], allowance_ns: int = 0) -> None:
         """Wait for posted calls; raises `StopPlay` for a hang or a failure."""

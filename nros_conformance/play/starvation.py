@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +13,7 @@ from nros_conformance.rmw.clock import MS, Clock, Signal
 from nros_conformance.trace.records import Starved
 
 LOOK_S = 0.1
-"""How often all threads are looked at: some 6 us for each, so 1 % of a core with 150 threads."""
+"""How often all threads are looked at: some 2 us for each, so 1 % of a core with 500 threads."""
 
 _WORTH_NS = 2 * MS
 """Shorter waits are below every tolerance and are not written down."""
@@ -36,12 +37,17 @@ class Watch:
     def __init__(self) -> None:
         self._notes: list[Note] = []
         self._lock = threading.Lock()
+        self._threads: _Threads | None = None
         self._waited: dict[str, int] = {}
         self._looked = 0
 
-    def start(self) -> None:
-        """Look from now on, until the process ends."""
-        self._waited, self._looked = _waits(), time.monotonic_ns()
+    def start(self, *, at_hand: bool = False) -> None:
+        """Look from now on, until the process ends.
+
+        ``at_hand``: with a descriptor for each thread, which is six times quicker, and seen by who counts those.
+        """
+        self._threads = _Threads() if at_hand else None
+        self._waited, self._looked = self._waits(), time.monotonic_ns()
         threading.Thread(target=self._loop, name="starvation", daemon=True).start()
 
     @contextmanager
@@ -61,10 +67,13 @@ class Watch:
 
     def look(self, begin: int) -> Starved | None:
         """The longest wait of one thread since the look at ``begin``; None if it is not worth a word."""
-        waited = _waits()
+        waited = self._waits()
         longest = _longest(self._waited, waited)
         self._waited = waited
         return Starved(begin=begin, end=time.monotonic_ns(), wait=longest) if longest >= _WORTH_NS else None
+
+    def _waits(self) -> dict[str, int]:
+        return _waits() if self._threads is None else self._threads.waits()
 
     def _loop(self) -> None:
         while True:
@@ -103,18 +112,56 @@ def _longest(before: dict[str, int], after: dict[str, int]) -> int:
     return max((total - before.get(thread, 0) for thread, total in after.items()), default=0)
 
 
+class _Threads:
+    """The threads of this process, with the schedstat of each kept open: 2 us to read, 11 if it is opened first."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, int] = {}
+        self._most = resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 4
+
+    def waits(self) -> dict[str, int]:
+        """As `_waits`."""
+        found: dict[str, int] = {}
+        for thread in _threads("self"):
+            try:
+                if thread not in self._kept:
+                    self._kept[thread] = _open("self", thread)
+                found[thread] = _wait(self._kept[thread])
+            except OSError:  # it has just ended
+                continue
+        for thread in self._kept.keys() - list(found)[: self._most]:
+            os.close(self._kept.pop(thread))
+        return found
+
+
 def _waits(process: int | str = "self") -> dict[str, int]:
-    """By thread: how long it has been runnable but not running, ns (field 2 of its schedstat)."""
+    """By thread: how long it has been runnable but not running, ns."""
     found = {}
-    folder = f"/proc/{process}/task"
-    try:
-        threads = os.listdir(folder)  # noqa: PTH208 - a hundred times a second is not worth the objects
-    except OSError:
-        return {}
-    for thread in threads:
+    for thread in _threads(process):
         try:
-            with open(f"{folder}/{thread}/schedstat", "rb") as file:  # noqa: PTH123
-                found[thread] = int(file.read().split()[1])
+            descriptor = _open(process, thread)
         except OSError:  # it has just ended
             continue
+        try:
+            found[thread] = _wait(descriptor)
+        except OSError:
+            continue
+        finally:
+            os.close(descriptor)
     return found
+
+
+def _threads(process: int | str) -> list[str]:
+    try:
+        return os.listdir(f"/proc/{process}/task")  # noqa: PTH208 - a hundred times a second is not worth the objects
+    except OSError:
+        return []
+
+
+def _open(process: int | str, thread: str) -> int:
+    return os.open(f"/proc/{process}/task/{thread}/schedstat", os.O_RDONLY | os.O_CLOEXEC)
+
+
+def _wait(schedstat: int) -> int:
+    """Field 2."""
+    return int(os.pread(schedstat, 64, 0).split()[1])

@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
+from nros_conformance.rmw.child import Launch, launch
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import EventCallback, Side
@@ -34,6 +35,7 @@ class Host:
     ``processes``: some session of this play lives in a process of its own, with an adapter of its own
     (same ``network``, ``ports``, ``scratch``), so memory does not connect them. ``faults``: those that
     `Backend.inject` may be asked for, so that what they take need not stand in the way of other scenarios.
+    ``launch``: starts a module of the backend as a process of its own.
     """
 
     clock: Clock
@@ -44,6 +46,7 @@ class Host:
     processes: bool = False
     faults: frozenset[str] = frozenset()
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    launch: Launch = launch
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -56,3 +56,37 @@ def test_a_drive_of_the_script_lasts_as_long_as_the_call() -> None:
     driver.execute(Command(clock, clock.now_ns(), lambda: driver.drive(0), op="drive", label="call"))
     (act,) = [record for record in records if isinstance(record, Act)]
     assert act.end - act.begin == 7 * MS
+
+
+def test_drives_are_longer_while_nobody_has_a_call_to_make() -> None:
+    clock, asked = VirtualClock(), list[int]()
+    driver = Driver("sub", clock, lambda record: None, lambda outcome, detail: None)
+
+    class Drives:
+        def drive_io(self, timeout_ms: int) -> int:
+            asked.append(timeout_ms)
+            clock.wait(None, clock.now_ns() + timeout_ms * MS)
+            return 0
+
+    def drive_for(ms: int) -> list[int]:
+        asked.clear()
+        clock.wait(None, clock.now_ns() + ms * MS)
+        return list(asked)
+
+    def play() -> tuple[list[int], ...]:
+        driver.session = cast(Session, Drives())
+        driver.resume()
+        usual = drive_for(35)
+        driver.calm_until = clock.now_ns() + 103 * MS  # a drive goes on for 5
+        calm = drive_for(105)
+        driver.calm_until = clock.now_ns() + 100 * MS
+        driver.after_drive.append(lambda: None)
+        takes = drive_for(100)
+        driver.pause()
+        driver.stop()
+        return usual, calm, takes
+
+    usual, calm, takes = clock.run(play)
+    assert usual == [10, 10, 10, 10]
+    assert calm == [30, 30, 20, 10, 10]  # the last one is a usual one, and goes on when it is over
+    assert takes == [10] * len(takes)

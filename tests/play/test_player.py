@@ -60,9 +60,13 @@ def test_driving_goes_on_in_the_background_and_idling_stops_it() -> None:
 
 def test_a_slice_is_how_long_one_background_drive_waits() -> None:
     records = play([{"drive": "4T"}], sessions={"sub": {"slice": "2T"}})
-    calls = {name: sum(s.calls for s in of(records, Spin) if s.session == name) for name in ("pub", "sub")}
-    assert calls["sub"] <= 4
-    assert calls["pub"] >= 38
+    longest = {name: max(s.longest for s in of(records, Spin) if s.session == name) for name in ("pub", "sub")}
+    assert longest == {"pub": 30 * MS, "sub": 2 * T}  # 10 ms by default, and three times that in a pause
+
+
+def test_between_branches_slices_stay_short() -> None:
+    records = play([{"parallel": [[{"drive": "4T"}], [{"drive": "1T"}]]}])
+    assert {s.longest for s in of(records, Spin)} == {10 * MS}
 
 
 def test_an_undriven_session_is_never_driven() -> None:

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import os
 import threading
 import time
 from pathlib import Path
 
 import pytest
 
+from nros_conformance.play import starvation
 from nros_conformance.play.starvation import Watch, wait_patiently
 from nros_conformance.rmw.clock import MS, MonotonicClock, VirtualClock
 from nros_conformance.trace.records import Starved
@@ -117,3 +119,37 @@ def test_on_a_virtual_clock_nothing_is_excused() -> None:
     limit = clock.now_ns() + 5 * MS
     assert not clock.run(lambda: wait_patiently(clock, clock.signal(), limit, 60_000 * MS, ["self"]))
     assert clock.now_ns() == limit
+
+
+def test_threads_at_hand_keep_a_descriptor_each_until_they_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened, closed = list[str](), list[int]()
+    waits = {"1": 10, "2": 20}
+
+    def open_one(process: int | str, thread: str) -> int:
+        opened.append(thread)
+        return int(thread)
+
+    monkeypatch.setattr(starvation, "_threads", lambda process: list(waits))
+    monkeypatch.setattr(starvation, "_open", open_one)
+    monkeypatch.setattr(starvation, "_wait", lambda descriptor: waits[str(descriptor)])
+    monkeypatch.setattr(os, "close", closed.append)
+    threads = starvation._Threads()
+    assert threads.waits() == waits
+    del waits["2"]
+    waits |= {"1": 11, "3": 30}
+    assert threads.waits() == waits
+    assert (opened, closed) == (["1", "2", "3"], [2])
+    threads._most = 1
+    assert threads.waits() == waits
+    assert closed == [2, 3]
+
+
+def test_threads_at_hand_are_those_of_proc() -> None:
+    threads = starvation._Threads()
+    assert str(threading.get_native_id()) in threads.waits()
+    held = list(threads._kept.values())
+    threads._most = 0
+    threads.waits()
+    for descriptor in held:
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(descriptor)

@@ -75,8 +75,9 @@ class XrceBackend(Backend):
         named = self.host.options.get("agent")
         if named:
             return UserAgent(_address(named), self.host.clock)
-        kind = ExternalAgent if self.host.variant == "external" else EmbeddedAgent
-        return kind(self.host.ports, self.host.network)
+        if self.host.variant == "external":
+            return ExternalAgent(self.host.ports, self.host.network, self.host.launch)
+        return EmbeddedAgent(self.host.ports, self.host.network)
 
     def create_session(self, options: SessionOptions) -> Session:
         """Raises `RmwError` INVALID_ARGUMENT, INVALID_CONFIG (locator, mode), CONNECTION_FAILED.

@@ -11,7 +11,6 @@ import json
 import queue
 import socket
 import subprocess
-import sys
 import threading
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,6 +23,7 @@ from nros_backends.xrce.external import ASK, LOOPBACK, SAYS, Pings, endpoints
 from nros_backends.xrce.link import Link
 from nros_backends.xrce.policies import given_topic
 from nros_conformance.rmw.backend import Environment, Listed
+from nros_conformance.rmw.child import Child, Launch, launch
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.events import Side
@@ -133,9 +133,10 @@ class EmbeddedAgent(OwnAgent):
 class ExternalAgent(OwnAgent):
     """The agent as a process (`external`); ``stop(kill=True)`` is a real SIGKILL."""
 
-    def __init__(self, ports: range = range(0), first: int = 0) -> None:
+    def __init__(self, ports: range = range(0), first: int = 0, launch: Launch = launch) -> None:
         super().__init__(ports, first)
-        self._process: subprocess.Popen[bytes] | None = None
+        self._launch = launch
+        self._process: Child | None = None
         self._reader: threading.Thread | None = None
         self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._lines: list[str] = []
@@ -189,10 +190,7 @@ class ExternalAgent(OwnAgent):
 
     def _serve(self, port: int) -> None:
         assert self._process is None
-        process = subprocess.Popen(
-            [sys.executable, "-m", "nros_backends.xrce.external", str(port)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+        process = self._launch("nros_backends.xrce.external", [str(port)], None)
         assert process.stdout is not None
         answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         lines, output = self._lines, process.stdout
@@ -222,7 +220,7 @@ class ExternalAgent(OwnAgent):
         self._forget(process)
         raise OSError(lines[-1].strip() if lines else "the process ended without a word")
 
-    def _forget(self, process: subprocess.Popen[bytes]) -> None:
+    def _forget(self, process: Child) -> None:
         if self._reader is not None:
             self._reader.join()
             self._reader = None

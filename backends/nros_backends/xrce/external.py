@@ -45,9 +45,9 @@ def endpoints(graph: tuple[EntityInfo, ...]) -> list[tuple[str, str]]:
     ]
 
 
-def main(port: int) -> int:
+def main() -> int:
     """Serve; the exit code."""
-    pings = Pings()
+    port, pings = int(sys.argv[1]), Pings()
     try:
         server = AgentServer(port, LOOPBACK, pings.watch)
     except OSError as error:
@@ -66,4 +66,4 @@ def _say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1])))
+    sys.exit(main())

@@ -75,7 +75,7 @@ class ZenohBackend(Backend):
         self._faults = Faults(self._network, lambda: list(self._sessions))
         clients = host.variant == ROUTER
         given = host.options.get("locator", "") if clients else ""
-        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH) if clients and not given else None
+        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH, host.launch) if clients and not given else None
         self._environment: Environment = GivenRouter(given) if given else self._own or Environment()
 
     def create_session(self, options: SessionOptions) -> Session:

@@ -7,12 +7,12 @@ import os
 import select
 import socket
 import subprocess
-import sys
 import tempfile
 from typing import IO
 
 from nros_backends.zenoh.config import LEASE_MS, free_port
 from nros_conformance.rmw.backend import Environment
+from nros_conformance.rmw.child import Child, Launch, launch
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
 _START_S = 20.0
@@ -24,11 +24,12 @@ _STOP_S = 5.0
 class OwnRouter(Environment):
     """A router process on a port of loopback that stays the same for all its starts."""
 
-    def __init__(self, ports: range, first: int) -> None:
+    def __init__(self, ports: range, first: int, launch: Launch = launch) -> None:
+        self._launch = launch
         self._ports = ports
         self._first = first
         self._endpoint = ""
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Child | None = None
         self._log: IO[bytes] | None = None
 
     def start(self) -> None:
@@ -37,10 +38,7 @@ class OwnRouter(Environment):
             return
         if self._log is None:
             self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "nros_backends.zenoh.router", self.endpoint(), str(LEASE_MS)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log,
-        )  # fmt: skip
+        self._process = self._launch("nros_backends.zenoh.router", [self.endpoint(), str(LEASE_MS)], self._log)
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], _START_S)
         if not ready or not self._process.stdout.readline():

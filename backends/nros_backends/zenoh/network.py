@@ -21,6 +21,7 @@ import zenoh
 from filelock import FileLock
 
 from nros_backends.zenoh.config import free_port, open_session, tcp_address
+from nros_backends.zenoh.linger import close
 from nros_backends.zenoh.proxy import Flow, Loop, TcpProxy
 from nros_conformance.rmw.codes import RmwError
 
@@ -75,7 +76,7 @@ class Network:
             leaving = [one for one in self._joined if one.owner is owner]
             self._joined = [one for one in self._joined if one.owner is not owner]
         for one in leaving:
-            one.session.close()
+            close(one.session)
             if one.port and self._processes:
                 (self._scratch / f"peer-{one.port}").unlink(missing_ok=True)
         ports = {one.port for one in leaving if one.port}

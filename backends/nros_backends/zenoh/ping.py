@@ -9,6 +9,7 @@ from typing import Any
 import zenoh
 
 from nros_backends.zenoh.config import open_session
+from nros_backends.zenoh.linger import close
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
 _AGAIN_S = 0.005
@@ -42,7 +43,7 @@ def ping_before_session(locator: str, timeout_ms: int, attempts: int) -> int:
             if ping_router(session, max(int((end - time.monotonic()) * 1000), 0), 1) == ReturnCode.OK:
                 return ReturnCode.OK
         finally:
-            session.close()
+            close(session)
     return ReturnCode.TIMEOUT
 
 

@@ -29,7 +29,7 @@ class Session(Base, frozen=True, kw_only=True):
     domain: int = 0
     node: Identifier | None = None
     slice: Duration = Duration.parse("10ms")
-    """How long one drive_io in the background may wait."""
+    """How long one drive_io in the background may wait; up to three times that while the script lets time pass."""
     driven: bool = True
     """Whether it is driven in the background while the script waits."""
     may_fail: bool = False
