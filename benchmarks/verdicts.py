@@ -128,8 +128,9 @@ def one_round(at_once: int, suites: tuple[str, ...]) -> Iterator[tuple[str, tupl
     with lease_ports() as ports, tempfile.TemporaryDirectory() as folder:
         run = RowRun(
             reference_row(), everything(), Selection("publish", keys=keys), Path(folder), ports=ports,
-            control=None, watch=lambda progress: None, at_once=at_once,
+            control=None, watch=lambda progress: None,
         )  # fmt: skip
+        run.at_once = at_once
         for result in run.play().results:
             if result.attempts:
                 verdicts = tuple(attempt.verdict.verdict for attempt in result.attempts)

@@ -26,6 +26,11 @@ class HostCheck:
         )
 
 
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def check_host(seconds: float = 0.5) -> HostCheck:
     """Measure for this long."""
     late = []
@@ -33,9 +38,9 @@ def check_host(seconds: float = 0.5) -> HostCheck:
     while (begin := time.monotonic()) < end:
         time.sleep(0.002)
         late.append((time.monotonic() - begin - 0.002) * 1e3)
-    return HostCheck(os.cpu_count() or 1, statistics.median(late), max(late), seconds)
+    return HostCheck(cores(), statistics.median(late), max(late), seconds)
 
 
 def describe_host() -> dict[str, str]:
     """For the report; the matrix prints none of it."""
-    return {"system": platform.platform(), "python": platform.python_version(), "cores": str(os.cpu_count())}
+    return {"system": platform.platform(), "python": platform.python_version(), "cores": str(cores())}

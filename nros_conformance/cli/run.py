@@ -18,7 +18,7 @@ from nros_conformance.campaign.control import ControlFailed, run_control
 from nros_conformance.campaign.host import check_host
 from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.rows import find_rows, rows_of, with_known
-from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
+from nros_conformance.campaign.run import Progress, RowRun, share_out
 from nros_conformance.campaign.selection import Selection, SelectionError
 from nros_conformance.cli import native
 from nros_conformance.cli.codes import ExitCode, repeated, strongest
@@ -77,16 +77,15 @@ def run(options: argparse.Namespace) -> ExitCode:
         return ExitCode.INTERNAL
     for line in library.says if library is not None else ():
         say(f"{'native':<8} {line}")
-    real = max(1, sum(not row.virtual for row in rows))
     with contextlib.ExitStack() as stack:
         runs = [
             RowRun(
                 row, suites, selection, options.results, ports=stack.enter_context(lease_ports()), control=control,
-                watch=lambda progress: None, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
-                launch=_for(row, launch),
+                watch=lambda progress: None, launch=_for(row, launch),
             )
             for row in rows
         ]  # fmt: skip
+        share_out(runs)
         width = max(len(row.name) for row in rows)
         for one in runs:
             row = one.row

@@ -35,7 +35,7 @@ _CURRENT = re.compile(r"^Current thread .*\n", re.MULTILINE)
 _THREAD = re.compile(r"^(?:Current thread|Thread) .*\n", re.MULTILINE)
 _FRAME = re.compile(r"^  File \"([^\"]+)\", line (\d+) in (\S+)", re.MULTILINE)
 _DRIVER = "play/driver.py"
-_WORKER = (sys.executable, "-X", "faulthandler", "-m", "nros_conformance.play.worker")
+_WORKER = (sys.executable, "-X", "faulthandler", "-m", "nros_conformance.play")
 _WAITING = ("threading.py", "clock.py", "driver.py")
 
 SILENCE_S = 20.0

@@ -143,7 +143,7 @@ class Worker:
 
 
 def main() -> None:
-    """Entry of ``python -m nros_conformance.play.worker FD``."""
+    """Entry of ``python -m nros_conformance.play FD``."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the harness decides what an interrupt means
     faulthandler.enable()
@@ -158,7 +158,3 @@ def main() -> None:
         worker.run(job)
     if worker.hung:
         os._exit(0)
-
-
-if __name__ == "__main__":
-    main()

@@ -21,7 +21,7 @@ import msgspec
 from nros_conformance.campaign.control import run_control
 from nros_conformance.campaign.merge import merged
 from nros_conformance.campaign.plans import Row
-from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, TOGETHER, Progress, RowRun
+from nros_conformance.campaign.run import Progress, RowRun, share_out
 from nros_conformance.campaign.selection import Selection
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.report.results import FILE, Control, Report, ScenarioResult, read_report
@@ -119,11 +119,9 @@ class Background:
     def _run(self, plays: Sequence[tuple[Row, frozenset[str]]], everything: Collection[str]) -> None:
         try:
             control = self._control(everything)
-            real = max(1, self._share.of * sum(not row.virtual for row, _ in plays))
             with contextlib.ExitStack() as stack:
-                self._runs = [
-                    self._row(row, keys, stack.enter_context(lease_ports()), control, real) for row, keys in plays
-                ]
+                self._runs = [self._row(row, keys, stack.enter_context(lease_ports()), control) for row, keys in plays]
+                share_out(self._runs, self._share.of)
                 threads = [threading.Thread(target=self._play, args=(run,), daemon=True) for run in self._runs]
                 if not self._stopping.is_set():
                     for thread in threads:
@@ -144,14 +142,14 @@ class Background:
         self._put("control", "control", control)
         return control
 
-    def _row(self, row: Row, keys: frozenset[str], ports: range, control: Control | None, real: int) -> RowRun:
+    def _row(self, row: Row, keys: frozenset[str], ports: range, control: Control | None) -> RowRun:
         def watch(progress: Progress) -> None:
             if run.settled(progress.result):
                 self._put(f"results/{row.name}", progress.result.key, Settled(progress.result, str(run.folder)))
 
         run = RowRun(
             row, self._suites, Selection(self._profile, keys=keys), self._shared / self._share.name,
-            ports=ports, control=control, watch=watch, at_once=min(AT_ONCE, max(AT_LEAST, TOGETHER // real)),
+            ports=ports, control=control, watch=watch,
         )  # fmt: skip
         return run
 
