@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from nros_conformance.play.driver import StopPlay
@@ -57,6 +57,10 @@ class Peer:
         )  # fmt: skip
         self._record(done)
         return done
+
+    def processes(self) -> Sequence[int]:
+        """Those that it runs in now."""
+        return self._environment.processes()
 
     def listed(self, entity: Listed) -> int | None:
         """How many such entities it has in its graph; None: it does not tell."""

@@ -11,6 +11,7 @@ from nros_conformance.play.driver import StopPlay, describe
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.script import Script
 from nros_conformance.play.stage import Stage
+from nros_conformance.play.starvation import Watch
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.clock import Clock, VirtualClock
 from nros_conformance.suite.loader import typed
@@ -21,19 +22,34 @@ _OPEN: AbstractContextManager[None] = nullcontext()
 
 def play(
     plan: Plan, adapter: type[Backend], clock: Clock, write: Callable[[Header | AnyRecord], None],
-    gate: AbstractContextManager[object] = _OPEN,
+    gate: AbstractContextManager[object] = _OPEN, watch: Watch | None = None,
 ) -> End:  # fmt: skip
     """Play one scenario; ``write`` gets the header, every record as it happens, and the end.
 
-    ``gate`` is held while the stage is set up.
+    ``gate`` is held while the stage is set up; ``watch`` says what threads have to wait for.
 
     Whatever the backend does ends up in the trace; nothing is raised but interrupts. On a
     `VirtualClock` the call has to come from inside `VirtualClock.run`.
     """
     start = clock.now_ns()
     write(msgspec.structs.replace(plan.header, start=start))
+    stages: list[Stage] = []
+    watching: AbstractContextManager[object] = _OPEN
+    if watch is not None:
+        watching = watch.telling(write, lambda: [process for stage in stages for process in stage.peer.processes()])
+    with watching:
+        outcome, detail = _perform(plan, adapter, clock, write, gate, start, stages)
+    end = End(outcome=outcome, t=clock.now_ns(), detail=detail)
+    write(end)
+    return end
+
+
+def _perform(
+    plan: Plan, adapter: type[Backend], clock: Clock, write: Callable[[Header | AnyRecord], None],
+    gate: AbstractContextManager[object], start: int, stages: list[Stage],
+) -> tuple[str, str]:  # fmt: skip
+    """Outcome and detail. The stage is put into ``stages`` when there is one."""
     outcome, detail = "done", ""
-    stage: Stage | None = None
     try:
         scenario = typed(plan.header.scenario, plan.key)
         with gate:
@@ -43,6 +59,7 @@ def play(
                 raise
             except Exception as error:
                 raise StopPlay("raised", describe(adapter.__name__, error)) from error
+            stages.append(stage)
             script = Script(stage, start)  # before anything can call back
             stage.open()
         script.play(scenario.script)
@@ -50,13 +67,12 @@ def play(
         outcome, detail = stop.outcome, stop.detail
     except Exception as error:
         outcome, detail = "error", describe("the player", error)
-    if stage is not None and outcome != "hang":
-        outcome, detail = _leave(stage, outcome, detail)
-    elif stage is not None:
-        stage.peer.close(stage.folder)  # what hangs may be the call of another thread
-    end = End(outcome=outcome, t=clock.now_ns(), detail=detail)
-    write(end)
-    return end
+    for stage in stages:
+        if outcome != "hang":
+            outcome, detail = _leave(stage, outcome, detail)
+        else:
+            stage.peer.close(stage.folder)  # what hangs may be the call of another thread
+    return outcome, detail
 
 
 def _leave(stage: Stage, outcome: str, detail: str) -> tuple[str, str]:

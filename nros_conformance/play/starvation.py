@@ -31,11 +31,25 @@ def crowding() -> float:
     return min(max(os.getloadavg()[0] / (2 * (os.cpu_count() or 1)), 1.0), _MOST_CROWDED)
 
 
+class _Listener:
+    """A play, and the processes beside this one that it depends on."""
+
+    def __init__(self, note: Note, processes: Callable[[], Sequence[int]]) -> None:
+        self.note = note
+        self._processes = processes
+        self._waited: dict[int, dict[str, int]] = {}
+
+    def longest(self) -> int:
+        """Of its other processes, as `Watch.look`."""
+        before, self._waited = self._waited, {process: _waits(process) for process in self._processes()}
+        return max((_longest(before.get(one, {}), waits) for one, waits in self._waited.items()), default=0)
+
+
 class Watch:
     """Tells every play that goes on what its threads had to wait. Linux only; elsewhere it sees nothing."""
 
     def __init__(self) -> None:
-        self._notes: list[Note] = []
+        self._listeners: list[_Listener] = []
         self._lock = threading.Lock()
         self._threads: _Threads | None = None
         self._waited: dict[str, int] = {}
@@ -51,26 +65,25 @@ class Watch:
         threading.Thread(target=self._loop, name="starvation", daemon=True).start()
 
     @contextmanager
-    def telling(self, note: Note) -> Iterator[None]:
-        """Have ``note`` called with each record, meanwhile.
+    def telling(self, note: Note, processes: Callable[[], Sequence[int]] = tuple) -> Iterator[None]:
+        """Have ``note`` called with each record, meanwhile; threads of ``processes()`` count for this play only.
 
         There is a last look at the end: what a play waited for just before would come to light after it.
         """
+        listener = _Listener(note, processes)
         with self._lock:
-            self._notes.append(note)
+            self._listeners.append(listener)
         try:
             yield
         finally:
             with self._lock:
                 self._tell()
-                self._notes.remove(note)
+                self._listeners.remove(listener)
 
-    def look(self, begin: int) -> Starved | None:
-        """The longest wait of one thread since the look at ``begin``; None if it is not worth a word."""
-        waited = self._waits()
-        longest = _longest(self._waited, waited)
-        self._waited = waited
-        return Starved(begin=begin, end=time.monotonic_ns(), wait=longest) if longest >= _WORTH_NS else None
+    def look(self) -> int:
+        """The longest wait of one thread of this process since the look before, ns."""
+        before, self._waited = self._waited, self._waits()
+        return _longest(before, self._waited)
 
     def _waits(self) -> dict[str, int]:
         return _waits() if self._threads is None else self._threads.waits()
@@ -82,12 +95,13 @@ class Watch:
                 self._tell()
 
     def _tell(self) -> None:
-        """Look, and tell everybody; with the lock."""
-        record = self.look(self._looked)
+        """Look, and tell everybody for whom it is worth a word; with the lock."""
+        own, begin = self.look(), self._looked
         self._looked = time.monotonic_ns()
-        if record is not None:
-            for note in self._notes:
-                note(record)
+        for listener in self._listeners:
+            longest = max(own, listener.longest())
+            if longest >= _WORTH_NS:
+                listener.note(Starved(begin=begin, end=self._looked, wait=longest))
 
 
 def wait_patiently(clock: Clock, done: Signal, limit: int, patience_ns: int, processes: Sequence[int | str]) -> bool:

@@ -5,7 +5,6 @@ Started by `pool`. It may crash or hang as its backend pleases: the harness look
 
 from __future__ import annotations
 
-import contextlib
 import faulthandler
 import gc
 import itertools
@@ -29,7 +28,7 @@ from nros_conformance.play.wire import Beat, Broken, Finished, Job, Report, Star
 from nros_conformance.rmw.backend import Backend
 from nros_conformance.rmw.clock import Clock, MonotonicClock, VirtualClock
 from nros_conformance.trace.files import TraceWriter
-from nros_conformance.trace.records import AnyRecord, End, Header
+from nros_conformance.trace.records import End
 
 BEAT_S = 0.5
 """How often the worker shows that its interpreter runs."""
@@ -118,23 +117,10 @@ class Worker:
             if isinstance(clock, VirtualClock):
                 end = clock.run(lambda: play(plan, adapter, clock, writer.write))
             else:
-                end = self._play_watched(plan, adapter, clock, writer)
+                end = play(plan, adapter, clock, writer.write, self._gate, self._watch)
         self._hung |= end.outcome == "hang"
         self.tell(Finished(plan.key, end.outcome, time.monotonic() - begin))
         return end
-
-    def _play_watched(self, plan: Plan, adapter: type[Backend], clock: Clock, writer: TraceWriter) -> End:
-        """Play it, and write down what threads have to wait: after the header, before the end."""
-        with contextlib.ExitStack() as watched:
-
-            def write(record: Header | AnyRecord) -> None:
-                if isinstance(record, End):
-                    watched.close()
-                writer.write(record)
-                if isinstance(record, Header):
-                    watched.enter_context(self._watch.telling(writer.write))
-
-            return play(plan, adapter, clock, write, self._gate)
 
     def _beat(self) -> None:
         while True:

@@ -184,6 +184,13 @@ class Environment:
         """What it has printed so far, in all its lives."""
         return ""
 
+    def processes(self) -> Sequence[int]:
+        """Ids of the processes of this machine in which it runs now, asked at any time and from any thread.
+
+        Where one of them gets no core, what comes late is not the backend's fault.
+        """
+        return ()
+
     def entities(self) -> Sequence[Listed] | None:
         """The publishers and subscriptions of all clients in its graph now; None: it cannot be asked."""
         return None

@@ -79,6 +79,10 @@ class ProcessEnvironment(Environment):
     def endpoint(self) -> str:
         return f"127.0.0.1:{self.port}"
 
+    def processes(self) -> Sequence[int]:
+        process = self._process
+        return () if process is None else (process.pid,)
+
     def log(self) -> str:
         return self._log.read_text(encoding="utf-8", errors="replace") if self._log.is_file() else ""
 

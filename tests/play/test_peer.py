@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,13 @@ import pytest
 from nros_backends.reference import ReferenceBackend
 from nros_conformance.play.peer import LOG, Peer
 from nros_conformance.play.plan import Plan
+from nros_conformance.play.player import play as play_on
 from nros_conformance.play.player import play_virtually
+from nros_conformance.play.starvation import Watch
 from nros_conformance.rmw.backend import Environment, SessionOptions
 from nros_conformance.rmw.clock import MS, VirtualClock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
-from nros_conformance.trace.records import Act, Changed, End, FaultRecord, Header, Measure, State
+from nros_conformance.trace.records import Act, AnyRecord, Changed, End, FaultRecord, Header, Measure, Starved, State
 from tests.play.scripts import PAIR, T, acts, of, play
 
 TAKING = {"talker": {"publisher": "t"}, "listener": {"subscription": "t", "take": "always"}}
@@ -216,3 +220,37 @@ def test_moments_of_the_peers_faults_can_be_waited_for(fault: str) -> None:
     (done,) = of(records, FaultRecord)
     (act,) = [one for one in of(records, Act) if one.label == "there"]
     assert act.begin - done.end == 2 * T
+
+
+class _Elsewhere(Environment):
+    def processes(self) -> Sequence[int]:
+        return [4711]
+
+
+class _ElsewhereBackend(ReferenceBackend):
+    def environment(self) -> Any:
+        return _Elsewhere()
+
+
+class _Seeing(Watch):
+    """A watch that only asks, at the begin of a play and at its end."""
+
+    asked: list[Sequence[int]]
+
+    @contextmanager
+    def telling(self, note: Any, processes: Callable[[], Sequence[int]] = tuple) -> Iterator[None]:
+        self.asked = [processes()]
+        yield
+        self.asked.append(processes())
+        note(Starved(begin=0, end=1, wait=1))
+
+
+def test_the_processes_of_the_peer_are_watched_from_when_there_is_one() -> None:
+    scenario = {"id": "x.y", "title": "t", "entities": PAIR, "script": [{"drive": "1T"}], "expect": EXPECT}
+    quantities = {"T": T, "tolerance": 0, "early": 0, "discovery_bound": 10 * MS}
+    header = Header(scenario=scenario, suite="x", backend="reference", clock="virtual", quantities=quantities, start=0)
+    plan, clock, watch = Plan(key="x.y", adapter="", header=header, trace=""), VirtualClock(), _Seeing()
+    records: list[Header | AnyRecord] = []
+    clock.run(lambda: play_on(plan, _ElsewhereBackend, clock, records.append, watch=watch))
+    assert watch.asked == [[], [4711]]
+    assert [type(one) for one in records[-2:]] == [Starved, End]

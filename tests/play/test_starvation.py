@@ -28,25 +28,20 @@ def schedstat(monkeypatch: pytest.MonkeyPatch, *looks: dict[str, int]) -> None:
 def test_the_longest_wait_of_one_thread_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     schedstat(monkeypatch, {"1": 5 * MS, "2": 0}, {"1": 8 * MS, "2": 40 * MS}, {"1": 9 * MS, "2": 40 * MS})
     watch = Watch()
-    watch.look(0)
-    record = watch.look(7)
-    assert record is not None
-    assert (record.begin, record.wait) == (7, 40 * MS)
-    assert watch.look(0) is None  # a millisecond is not worth a word
+    watch.look()
+    assert [watch.look(), watch.look()] == [40 * MS, MS]
 
 
 def test_a_thread_that_is_new_has_waited_since_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
     schedstat(monkeypatch, {}, {"9": 3 * MS})
     watch = Watch()
-    watch.look(0)
-    record = watch.look(0)
-    assert record is not None
-    assert record.wait == 3 * MS
+    watch.look()
+    assert watch.look() == 3 * MS
 
 
 def test_who_listens_is_told_until_it_has_finished(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nros_conformance.play.starvation.LOOK_S", 0.001)
-    monkeypatch.setattr(Watch, "look", lambda self, begin: Starved(begin=begin, end=begin + 1, wait=5 * MS))
+    monkeypatch.setattr(Watch, "look", lambda self: 5 * MS)
     watch, told, first = Watch(), list[Starved](), threading.Event()
 
     def note(record: Starved) -> None:
@@ -81,10 +76,33 @@ def test_sleeping_is_no_waiting() -> None:
     watch = Watch()
     sleeper = threading.Thread(target=time.sleep, args=(0.05,))
     sleeper.start()
-    watch.look(0)
+    watch.look()
     sleeper.join()
-    record = watch.look(0)
-    assert record is None or record.wait < 50 * MS
+    assert watch.look() < 50 * MS
+
+
+def test_a_millisecond_is_not_worth_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Watch, "look", lambda self: MS)
+    told = list[Starved]()
+    with Watch().telling(told.append):
+        pass
+    assert told == []
+
+
+def test_threads_of_other_processes_count_for_the_play_that_depends_on_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nros_conformance.play.starvation.LOOK_S", 3600.0)
+    others = iter([{"8": 30 * MS, "9": 0}, {"8": 31 * MS, "9": 4 * MS}])
+    monkeypatch.setattr("nros_conformance.play.starvation._waits", lambda one="self": {7: next}[one](others))
+    monkeypatch.setattr(Watch, "look", lambda self: 3 * MS)
+    watch, told, beside = Watch(), list[Starved](), list[Starved]()
+    with (
+        watch.telling(beside.append),
+        watch.telling(told.append, lambda: [7]),
+        watch.telling(lambda record: None),
+    ):
+        pass  # all are told when one of them ends
+    assert [one.wait for one in told] == [30 * MS, 4 * MS]
+    assert [one.wait for one in beside] == [3 * MS] * 3
 
 
 def test_what_has_no_core_gets_more_time(monkeypatch: pytest.MonkeyPatch) -> None:

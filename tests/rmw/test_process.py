@@ -32,8 +32,10 @@ def test_it_runs_from_start_to_stop_and_can_be_started_again(tmp_path: Path, kil
         broker.start()
         assert broker.endpoint() == f"127.0.0.1:{broker.port}"
         process = int(broker.log().splitlines()[-1])
+        assert broker.processes() == (process,)
         os.kill(process, 0)
         broker.stop(kill=kill)
+        assert broker.processes() == ()
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
     broker.stop()

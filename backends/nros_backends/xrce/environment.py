@@ -165,6 +165,10 @@ class ExternalAgent(OwnAgent):
     def log(self) -> str:
         return "".join(self._lines)
 
+    def processes(self) -> Sequence[int]:
+        process = self._process
+        return () if process is None else (process.pid,)
+
     def entities(self) -> Sequence[Listed] | None:
         answer = self._ask()
         return [] if answer is None else _listed(answer["entities"])

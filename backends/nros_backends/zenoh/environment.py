@@ -8,6 +8,7 @@ import select
 import socket
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from typing import IO
 
 from nros_backends.zenoh.config import LEASE_MS, free_port
@@ -76,10 +77,9 @@ class OwnRouter(Environment):
         """Whether it has been started, and not stopped."""
         return self._process is not None
 
-    @property
-    def pid(self) -> int | None:
-        """The process."""
-        return None if self._process is None else self._process.pid
+    def processes(self) -> Sequence[int]:
+        process = self._process
+        return () if process is None else (process.pid,)
 
     def endpoint(self) -> str:
         """Chosen when first asked for."""

@@ -155,6 +155,18 @@ def test_pings(either: Bench) -> None:
     assert session.ping(50, 0) == either.backend.ping(options, 50, 0) == ReturnCode.INVALID_ARGUMENT
 
 
+def test_an_agent_beside_tells_its_process(either: Bench) -> None:
+    variant, told = either.backend.host.variant, list(either.agent.processes())
+    assert len(told) == (variant == "external")
+    for process in told:
+        os.kill(process, 0)
+    either.agent.stop(kill=True)
+    assert list(either.agent.processes()) == []
+    for process in told:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
 def test_hard_liveliness_removes_who_is_silent_and_nobody_who_drives(either: Bench) -> None:
     silent, driven = either.session("silent", hard_ms=300), either.session("driven", hard_ms=300)
     publisher(silent, topic="/silent")

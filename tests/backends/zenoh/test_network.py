@@ -242,8 +242,12 @@ def test_a_router_that_dies_and_comes_back_has_the_same_address_and_all_publishe
         stage.until(lambda: log.last == 1)
         assert publisher.session.ping(2000) == ReturnCode.OK
         assert stage.backend.ping(options, 2000) == ReturnCode.OK
+        (process,) = router.processes()
         router.stop(kill=kill)
         router.stop(kill=kill)
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+        assert list(router.processes()) == []
         stage.until(lambda: log.last == 0)
         assert subscription.session.drive_io(0) == ReturnCode.CONNECTION_FAILED
         assert publisher.publish_raw(b"into the void") == ReturnCode.CONNECTION_FAILED
@@ -265,7 +269,7 @@ def test_a_frozen_router_answers_no_ping_and_is_not_waited_for(make_stage: Calla
     stage = make_stage("router")
     session = stage.open()
     router = stage.backend.environment()
-    os.kill(router.pid, signal.SIGSTOP)
+    os.kill(router.processes()[0], signal.SIGSTOP)
     try:
         for ping in (session.ping, lambda *limits: stage.backend.ping(SessionOptions(), *limits)):
             begin = time.monotonic()
@@ -279,7 +283,7 @@ def test_a_frozen_router_answers_no_ping_and_is_not_waited_for(make_stage: Calla
         session.destroy()
         assert time.monotonic() - begin < HANG_S
     finally:
-        os.kill(router.pid, signal.SIGCONT)
+        os.kill(router.processes()[0], signal.SIGCONT)
 
 
 def test_peers_have_nobody_to_ping(peers: Any) -> None:
