@@ -28,7 +28,8 @@ HOSTS = ("idle", "loaded", "shared")
 @contextlib.contextmanager
 def load(processes: int) -> Iterator[None]:
     """Busy loops in processes of their own."""
-    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    busy = f"import os\nwhile os.getppid() == {os.getpid()}: pass"  # also when this one is killed
+    hogs = [subprocess.Popen([sys.executable, "-c", busy]) for _ in range(processes)]
     try:
         yield
     finally:

@@ -230,8 +230,8 @@ class Cycles(Record, frozen=True, kw_only=True, tag="cycles"):
 class Starved(Record, frozen=True, kw_only=True, tag="starved"):
     """Between these moments a thread of the process that plays was runnable but not running for ``wait`` ns.
 
-    Any thread, the middleware's own among them, and the one that waited longest. A backend that holds the
-    interpreter, sleeps or computes does not make its threads wait for a core.
+    Any thread, the middleware's own and those of this play's peer among them, and the one that waited longest. A
+    backend that holds the interpreter, sleeps or computes does not make its threads wait for a core.
     """
 
     begin: int
