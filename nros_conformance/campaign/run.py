@@ -52,10 +52,8 @@ AT_ONCE = 24
 at once and every core kept busy by others, one play in 640 was judged late because such a thread was."""
 
 BESIDE = 4
-"""Processes beside the one whose plays share it: a thousand cycles are mostly waiting. One of a row that shares the
-cores with others, `BESIDE_LATER` when the shared one is done."""
-
-BESIDE_LATER = 2
+"""Processes beside the one whose plays share it: a thousand cycles are mostly waiting. A row that shares the cores with
+others has one until that is done."""
 
 A_CORE, AT_LEAST = 16, 4
 """All rows of a run together on the real clock, for each core that they share, and what each row has in any case.
@@ -205,7 +203,7 @@ class RowRun:
             except BaseException:
                 executor.shutdown(wait=False, cancel_futures=True)
                 raise
-            for lane in range(lanes, BESIDE_LATER):
+            for lane in range(lanes, BESIDE):
                 places.put(AT_ONCE + lane)
             for each in playing:
                 each.result()
