@@ -5,4 +5,5 @@ A forked process imports the main module of whoever had it forked again (7 ms), 
 
 from nros_conformance.play.worker import main
 
-main()
+if __name__ == "__main__":
+    main()

@@ -118,7 +118,7 @@ class Driver:
         self._held: list[AnyRecord] = []
         self._delay_at_spin = 0
         self._in_callbacks = 0
-        """Time of the drive_io in progress, ns."""
+        """What callbacks took of the drive_io in progress, ns."""
         self._in_calls = 0
         """All time in calls that callbacks made, ns."""
         self.task = self._start()

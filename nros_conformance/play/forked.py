@@ -32,20 +32,20 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
-LOADED = ("nros_conformance.play.session_process",)
+_LOADED = ("nros_conformance.play.session_process",)
 """What the server loads for sessions. Adapters are not among it: they may start threads when they are imported."""
 
 
 class Forked:
     """``target(*args)`` in a process of its own, which ends with this one at the latest.
 
-    ``target`` is a function of a module, connections among ``args`` are handed over. The modules that ``loaded``
-    names are imported by the server when this is its first process.
+    ``target`` is a function of a module, connections among ``args`` are handed over. The modules ``loaded`` are
+    imported by the server when this is its first process.
     """
 
-    def __init__(self, name: str, target: Callable[..., None], args: tuple[Any, ...], loaded: Sequence[str]) -> None:
+    def __init__(self, name: str, target: Callable[..., None], args: tuple[Any, ...], *loaded: str) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(list(loaded))
+        context.set_forkserver_preload([*_LOADED, *loaded])
         self._process = context.Process(target=_enter, args=(target, args), name=name, daemon=True)
         self._ended = False
         with _bookkeeping:
@@ -92,7 +92,7 @@ class ForkedModule:
             Connection(stderr, readable=False) as complained,
         ):
             args = (module, tuple(arguments), (theirs, said, complained))
-            self._forked = Forked(module, _run, args, [*LOADED, module])
+            self._forked = Forked(module, _run, args, module)
         self.pid = self._forked.pid
 
     def poll(self) -> int | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 import msgspec
@@ -33,46 +33,36 @@ def play(
     """
     start = clock.now_ns()
     write(msgspec.structs.replace(plan.header, start=start))
-    stages: list[Stage] = []
-    watching: AbstractContextManager[object] = _OPEN
-    if watch is not None:
-        watching = watch.telling(write, lambda: [process for stage in stages for process in stage.peer.processes()])
-    with watching:
-        outcome, detail = _perform(plan, adapter, clock, write, gate, start, stages)
+    outcome, detail = "done", ""
+    stage: Stage | None = None
+
+    def peers() -> Sequence[int]:
+        return [] if stage is None else stage.peer.processes()
+
+    with _OPEN if watch is None else watch.telling(write, peers):
+        try:
+            scenario = typed(plan.header.scenario, plan.key)
+            with gate:
+                try:
+                    stage = Stage(plan, scenario, adapter, clock, write)
+                except StopPlay:
+                    raise
+                except Exception as error:
+                    raise StopPlay("raised", describe(adapter.__name__, error)) from error
+                script = Script(stage, start)  # before anything can call back
+                stage.open()
+            script.play(scenario.script)
+        except StopPlay as stop:
+            outcome, detail = stop.outcome, stop.detail
+        except Exception as error:
+            outcome, detail = "error", describe("the player", error)
+        if stage is not None and outcome != "hang":
+            outcome, detail = _leave(stage, outcome, detail)
+        elif stage is not None:
+            stage.peer.close(stage.folder)  # what hangs may be the call of another thread
     end = End(outcome=outcome, t=clock.now_ns(), detail=detail)
     write(end)
     return end
-
-
-def _perform(
-    plan: Plan, adapter: type[Backend], clock: Clock, write: Callable[[Header | AnyRecord], None],
-    gate: AbstractContextManager[object], start: int, stages: list[Stage],
-) -> tuple[str, str]:  # fmt: skip
-    """Outcome and detail. The stage is put into ``stages`` when there is one."""
-    outcome, detail = "done", ""
-    try:
-        scenario = typed(plan.header.scenario, plan.key)
-        with gate:
-            try:
-                stage = Stage(plan, scenario, adapter, clock, write)
-            except StopPlay:
-                raise
-            except Exception as error:
-                raise StopPlay("raised", describe(adapter.__name__, error)) from error
-            stages.append(stage)
-            script = Script(stage, start)  # before anything can call back
-            stage.open()
-        script.play(scenario.script)
-    except StopPlay as stop:
-        outcome, detail = stop.outcome, stop.detail
-    except Exception as error:
-        outcome, detail = "error", describe("the player", error)
-    for stage in stages:
-        if outcome != "hang":
-            outcome, detail = _leave(stage, outcome, detail)
-        else:
-            stage.peer.close(stage.folder)  # what hangs may be the call of another thread
-    return outcome, detail
 
 
 def _leave(stage: Stage, outcome: str, detail: str) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 
 from nros_conformance.play.faketime import preload
-from nros_conformance.play.forked import LOADED, Forked
+from nros_conformance.play.forked import Forked
 from nros_conformance.rmw.clock import MS
 
 _FREEZE_LIMIT_NS = 2_000 * MS
@@ -47,7 +47,7 @@ class SessionProcess:
     def _fork(self, name: str) -> None:
         self.connection, theirs = Pipe()
         with theirs:
-            self._forked = Forked(name, _enter, (theirs,), LOADED)
+            self._forked = Forked(name, _enter, (theirs,))
         self.pid = self._forked.pid
 
     def _spawn(self, wall_clock: Path) -> None:

@@ -70,7 +70,7 @@ class Stage:
             faults=faults_needed(scenario),
             options=plan.options,
             processes=bool(only or self._apart),
-            launch=launch if only else ForkedModule,
+            launch=launch if only else ForkedModule,  # who is forked forks nobody
         )
         self.backend = adapter(host)
         # In a process of its own a session has the peer of the whole play, by its locator.

@@ -151,7 +151,7 @@ def test_threads_at_hand_keep_a_descriptor_each_until_they_end(monkeypatch: pyte
     monkeypatch.setattr(starvation, "_open", open_one)
     monkeypatch.setattr(starvation, "_wait", lambda descriptor: waits[str(descriptor)])
     monkeypatch.setattr(os, "close", closed.append)
-    threads = starvation._Threads()
+    threads = starvation._Threads("self", 9)
     assert threads.waits() == waits
     del waits["2"]
     waits |= {"1": 11, "3": 30}
@@ -163,7 +163,7 @@ def test_threads_at_hand_keep_a_descriptor_each_until_they_end(monkeypatch: pyte
 
 
 def test_threads_at_hand_are_those_of_proc() -> None:
-    threads = starvation._Threads()
+    threads = starvation._Threads("self", 1_000)
     assert str(threading.get_native_id()) in threads.waits()
     held = list(threads._kept.values())
     threads._most = 0
@@ -171,3 +171,21 @@ def test_threads_at_hand_are_those_of_proc() -> None:
     for descriptor in held:
         with pytest.raises(OSError, match="Bad file descriptor"):
             os.fstat(descriptor)
+
+
+def test_no_more_descriptors_than_allowed_are_open_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    still, seen = set[int](), list[int]()
+
+    def open_one(process: int | str, thread: str) -> int:
+        still.add(int(thread))
+        seen.append(len(still))
+        return int(thread)
+
+    monkeypatch.setattr(starvation, "_threads", lambda process: ["1", "2", "3"])
+    monkeypatch.setattr(starvation, "_open", open_one)
+    monkeypatch.setattr(starvation, "_wait", lambda descriptor: descriptor * MS)
+    monkeypatch.setattr(os, "close", still.remove)
+    assert starvation._waits(7) == {"1": MS, "2": 2 * MS, "3": 3 * MS}
+    assert (seen, still) == ([1, 1, 1], set())
+    assert starvation._Threads(7, 1).waits() == {"1": MS, "2": 2 * MS, "3": 3 * MS}
+    assert (seen[3:], still) == ([1, 2, 2], {1})
