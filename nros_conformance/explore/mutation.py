@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import multiprocessing
 import signal
 import time
@@ -37,14 +38,27 @@ class _Endless(BaseException):
     """A play that took too long; no backend catches it by accident."""
 
 
+def _collecting(frame: FrameType | None) -> bool:
+    """Whether this is within a callback of the garbage collector (Hypothesis has one).
+
+    What is raised there goes to `sys.unraisablehook` and no further.
+    """
+    callbacks = [getattr(one, "__code__", None) for one in gc.callbacks]
+    while frame is not None:
+        if frame.f_code in callbacks:
+            return True
+        frame = frame.f_back
+    return False
+
+
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        raise _Endless
+    def stop(_signal: int, frame: FrameType | None) -> None:
+        if not _collecting(frame):
+            raise _Endless
 
     former = signal.signal(signal.SIGALRM, stop)
-    # Again and again: what is raised within a callback of the garbage collector, as Hypothesis has one, is ignored.
-    signal.setitimer(signal.ITIMER_REAL, seconds, 1)
+    signal.setitimer(signal.ITIMER_REAL, seconds, 0.01)
     try:
         yield
     finally:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import gc
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -113,6 +115,28 @@ def test_a_mutant_that_never_returns_is_cut_off(monkeypatch: pytest.MonkeyPatch)
     assert (trace.end.outcome, trace.end.detail) == ("hang", "the play did not end within 0.2 s")
     assert exposed(trace, "RDM-001") == "the backend hung: the play did not end within 0.2 s"
     assert exposed(trace, "LVC-001") == ""
+
+
+def test_it_is_cut_off_where_the_exception_is_propagated(monkeypatch: pytest.MonkeyPatch) -> None:
+    endless = mutants()["clock-reads-zero"].adapter
+
+    class Collects(endless):  # type: ignore[misc, valid-type]
+        def create_session(self, options: object) -> object:
+            while True:
+                gc.collect(0)
+
+    def takes_long(phase: str, info: dict[str, int]) -> None:  # what is raised here ends in a warning, as in Hypothesis
+        time.sleep(0.02)
+
+    monkeypatch.setattr(mutation, "PLAY_S", 0.1)
+    one = next(one for one in suites().scenarios if one.scenario.id == "rdm.odd-phase")
+    gc.callbacks.append(takes_long)
+    try:
+        trace = play_defective(one, row(), suites(), Collects)
+    finally:
+        gc.callbacks.remove(takes_long)
+    assert trace.end is not None
+    assert trace.end.outcome == "hang"
 
 
 def test_several_run_in_processes_of_their_own() -> None:
