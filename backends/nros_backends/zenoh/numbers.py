@@ -42,14 +42,18 @@ class Numbers:
         self._publishers: dict[bytes, _Publisher] = {}
         self._open: list[_Gap] = []
 
-    def accept(self, sample: Attachment, at_ns: int) -> bool:
-        """Note a sample that came at ``at_ns``; whether it is to be delivered."""
+    def accept(self, sample: Attachment, at_ns: int, *, history: bool = False) -> bool:
+        """Note a sample that came at ``at_ns``; whether it is to be delivered.
+
+        ``history``: its publisher had kept it. What is older than the first of those had no place there.
+        """
         gid, number = sample.gid, sample.number
         known = self._publishers.get(gid)
         if known is None:
             self._publishers[gid] = _Publisher(number, sample.source_ns)
             self._gaps.sample(gid, number % _MODULUS, at_ns)
-            self._leave_open(gid, range(number - _EARLY, number), at_ns, counts=False)
+            if not history:
+                self._leave_open(gid, range(number - _EARLY, number), at_ns, counts=False)
             return True
         if number <= known.last:
             if self._fill(gid, number):

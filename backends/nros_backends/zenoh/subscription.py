@@ -154,7 +154,7 @@ class ZenohSubscription(End, Subscription):
 
     def _accept(self, payload: bytes, about: Attachment, at_ns: int, *, history: bool) -> bool:
         """Deadline clock, numbers, queue, message callbacks."""
-        if not self._numbers.accept(about, at_ns):
+        if not self._numbers.accept(about, at_ns, history=history):
             return False
         self.moved(at_ns)
         publisher = self._publishers.get(about.gid)
