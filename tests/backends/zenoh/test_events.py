@@ -226,9 +226,10 @@ def test_a_sample_larger_than_the_buffer_is_lost(peers: Any) -> None:
 
 def test_late_subscriptions_get_what_a_transient_local_publisher_keeps(stage: Any) -> None:
     keeps = {"durability": Durability.TRANSIENT_LOCAL, "depth": 3}
-    publisher, plain = stage.publisher(stage.open(), **keeps), stage.open()
+    publisher = stage.publisher(stage.open(), **keeps)
     for number in range(8):
         publisher.publish_raw(b"%d" % number)
+    plain = stage.open()  # not before: a peer whose link is new is sent all samples, subscribed to or not
     late = stage.subscription(plain, durability=Durability.TRANSIENT_LOCAL, depth=2)
     volatile = stage.subscription(plain)
     log = stage.log(late, LOST)
