@@ -67,9 +67,9 @@ def test_the_adapter_as_it_is_passes(tmp_path: Path) -> None:
 
 def test_a_status_that_is_no_longer_polled_turns_its_cell_broken(tmp_path: Path) -> None:
     done = run(tmp_path, DEAF, DECLARATION)
-    line, word = {1: ("FAIL", "broken"), 8: ("unclear", "unclear")}[done.returncode]
+    line, word = {1: ("FAIL  variant ", "broken"), 8: ("unclear  variant", "unclear")}[done.returncode]
     assert cell(tmp_path).rstrip("°") == word
-    assert f"{line}  variant  reg.raises-requested-deadline-missed[deadline=in-qos]" in done.stdout
+    assert f"{line} reg.raises-requested-deadline-missed[deadline=in-qos]" in done.stdout
 
 
 def test_a_claim_that_is_no_longer_made_is_said_to_be_missing(tmp_path: Path) -> None:
