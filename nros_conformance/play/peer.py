@@ -71,10 +71,16 @@ class Peer:
         """One of `Environment.counts`; None: it does not tell."""
         return self._environment.counts().get(what)
 
-    def close(self, folder: Path | None) -> None:
-        """Stop it unless it is somebody else's, and keep what it has printed in a folder beside the trace, if any."""
+    def close(self, folder: Path | None, *, clean: bool = False) -> None:
+        """Stop it unless it is somebody else's, and keep what it has printed in a folder beside the trace, if any.
+
+        ``clean``: nothing of the play holds on to it, so it need not be stopped.
+        """
         with contextlib.suppress(RmwError):
-            self._environment.stop()
+            if clean:
+                self._environment.release()
+            else:
+                self._environment.stop()
         log = self._environment.log()
         if log and folder is not None:
             folder.mkdir(parents=True, exist_ok=True)

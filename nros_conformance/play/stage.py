@@ -359,7 +359,7 @@ class Stage:
         for driver in (*self.drivers.values(), self.lobby):
             driver.stop()
             self.clock.wait(driver.task.done, self.clock.now_ns() + self.hang_ns)
-        self.peer.close(self.folder)
+        self.peer.close(self.folder, clean=True)
         self.backend.close()
 
     # Events.

@@ -176,6 +176,10 @@ class Environment:
         Raises `RmwError` UNSUPPORTED for one that somebody else runs.
         """
 
+    def release(self) -> None:
+        """The play is over, its sessions closed: stop it, or leave it to the next play if it is as good as new."""
+        self.stop()
+
     def endpoint(self) -> str:
         """What a client puts into `SessionOptions.locator`; empty when there is nothing."""
         return ""

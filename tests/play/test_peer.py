@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -220,6 +220,36 @@ def test_moments_of_the_peers_faults_can_be_waited_for(fault: str) -> None:
     (done,) = of(records, FaultRecord)
     (act,) = [one for one in of(records, Act) if one.label == "there"]
     assert act.begin - done.end == 2 * T
+
+
+class _Counting(Environment):
+    """Says what is done to it."""
+
+    did: ClassVar[list[str]] = []
+
+    def start(self) -> None:
+        self.did.append("start")
+
+    def stop(self, *, kill: bool = False) -> None:
+        self.did.append("stop")
+
+    def release(self) -> None:
+        self.did.append("release")
+
+
+class _CountingBackend(ReferenceBackend):
+    def environment(self) -> Any:
+        return _Counting()
+
+
+def test_a_peer_is_left_to_the_next_play_unless_this_one_may_still_use_it() -> None:
+    play([{"drive": "1T"}], adapter=_CountingBackend, expect=EXPECT)
+    assert _Counting.did == ["start", "release"]
+    _Counting.did.clear()
+    peer = Peer(_Counting(), VirtualClock(), lambda record: None)
+    peer.close(None)
+    peer.close(None, clean=True)
+    assert _Counting.did == ["stop", "release"]
 
 
 class _Elsewhere(Environment):

@@ -76,7 +76,8 @@ class XrceBackend(Backend):
         if named:
             return UserAgent(_address(named), self.host.clock)
         if self.host.variant == "external":
-            return ExternalAgent(self.host.ports, self.host.network, self.host.launch)
+            untouched = not self.host.faults and not self.host.processes
+            return ExternalAgent(self.host.ports, self.host.network, self.host.launch, untouched=untouched)
         return EmbeddedAgent(self.host.ports, self.host.network)
 
     def create_session(self, options: SessionOptions) -> Session:

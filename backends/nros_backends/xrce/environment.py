@@ -6,13 +6,13 @@ TCP port of the same number is held all the time, by which all that do so agree.
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import json
 import queue
 import socket
 import subprocess
 import threading
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -23,7 +23,7 @@ from nros_backends.xrce.external import ASK, LOOPBACK, SAYS, Pings, endpoints
 from nros_backends.xrce.link import Link
 from nros_backends.xrce.policies import given_topic
 from nros_conformance.rmw.backend import Environment, Listed
-from nros_conformance.rmw.child import Child, Launch, launch
+from nros_conformance.rmw.child import Launch, launch
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.events import Side
@@ -130,40 +130,157 @@ class EmbeddedAgent(OwnAgent):
         self._server.start()
 
 
-class ExternalAgent(OwnAgent):
-    """The agent as a process (`external`); ``stop(kill=True)`` is a real SIGKILL."""
+class _Process:
+    """One life of an agent process (`external`). Raises OSError when it does not come up."""
 
-    def __init__(self, ports: range = range(0), first: int = 0, launch: Launch = launch) -> None:
-        super().__init__(ports, first)
-        self._launch = launch
-        self._process: Child | None = None
-        self._reader: threading.Thread | None = None
+    def __init__(self, port: int, launch: Launch) -> None:
+        self.port = port
+        self._child = launch("nros_backends.xrce.external", [str(port)], None)
         self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._lines: list[str] = []
-        self._before: Counter[str] = Counter()
+        self._before: Mapping[str, int] = {}
+        """What it had counted for former plays."""
+        self.latest: Mapping[str, int] = {}
+        """What it had counted for this one when it was asked last."""
+        self._reader = threading.Thread(target=self._read, name="xrce-agent-log", daemon=True)
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        return self._child.pid
+
+    def runs(self) -> bool:
+        """Whether it does by itself, still."""
+        return self._child.poll() is None
+
+    def came_up(self) -> bool:
+        """Wait for it to say so; whether it did."""
+        try:
+            return bool(self._answers.get(timeout=_START_S))
+        except queue.Empty:
+            self._lines.append(f"nothing was heard of the process within {_START_S:.0f} s\n")
+            return False
+
+    def ask(self) -> dict[str, Any] | None:
+        """What it says about itself; None when it is gone."""
+        assert self._child.stdin is not None
+        try:
+            self._child.stdin.write(ASK)
+            self._child.stdin.flush()
+            answer: dict[str, Any] = json.loads(self._answers.get(timeout=_ANSWER_S))
+        except (OSError, queue.Empty, ValueError):
+            return None
+        self.latest = {what: count - self._before.get(what, 0) for what, count in answer["counts"].items()}
+        return answer
+
+    def printed(self) -> str:
+        """What it has printed for this play."""
+        return "".join(self._lines)
+
+    def leave(self) -> bool:
+        """Stay for another play, if nothing is left of this one: whether it does."""
+        answer = self.ask()
+        if answer is None or answer["entities"]:
+            return False
+        self._before, self.latest = answer["counts"], {}
+        self._lines = []
+        return True
+
+    def stop(self, *, kill: bool) -> None:
+        """End it."""
+        child = self._child
+        assert child.stdin is not None
+        if kill:
+            child.kill()
+        else:
+            with contextlib.suppress(BrokenPipeError):
+                child.stdin.close()
+        try:
+            child.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+        self._reader.join()
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    pipe.close()
+
+    def _read(self) -> None:
+        assert self._child.stdout is not None
+        for line in self._child.stdout:
+            if line.startswith(b"{"):
+                self._answers.put(line)
+                continue
+            self._lines.append(line.decode(errors="replace"))
+            if line.startswith(SAYS.encode()):
+                self._answers.put(line)
+        self._answers.put(b"")
+
+
+_spare: collections.deque[tuple[_Process, socket.socket]] = collections.deque()
+"""Agents that have served a play, and nothing was done to them; with what keeps their ports."""
+
+
+def _spare_one() -> tuple[_Process, socket.socket] | None:
+    """One that still runs, if there is any."""
+    while _spare:
+        with contextlib.suppress(IndexError):  # another thread was quicker
+            process, reservation = _spare.pop()
+            if process.runs():
+                return process, reservation
+            process.stop(kill=True)
+            reservation.close()
+    return None
+
+
+class ExternalAgent(OwnAgent):
+    """The agent as a process; ``stop(kill=True)`` is a real SIGKILL.
+
+    ``untouched``: nothing is going to happen to it but clients that come and go. Then it may be one that has served
+    a play before, and serve another one afterwards: a start costs 17 ms of a core.
+    """
+
+    def __init__(
+        self, ports: range = range(0), first: int = 0, launch: Launch = launch, *, untouched: bool = False
+    ) -> None:
+        super().__init__(ports, first)
+        self._launch = launch
+        self._untouched = untouched
+        self._process: _Process | None = None
+        self._log = ""
+        self._before: Mapping[str, int] = {}
         """What former lives had counted when they were asked last."""
-        self._latest: Mapping[str, int] = {}
+
+    def start(self) -> None:
+        spare = _spare_one() if self._untouched and not self._port else None
+        if spare is None:
+            super().start()
+            return
+        self._process, self._reservation = spare
+        self._port, self.started = self._process.port, True
 
     def stop(self, *, kill: bool = False) -> None:
         process, self._process = self._process, None
         if process is None:
             return
-        self._before.update(self._latest)
-        self._latest = {}
-        assert process.stdin is not None
-        if kill:
-            process.kill()
-        else:
-            process.stdin.close()
-        try:
-            process.wait(_STOP_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        self._forget(process)
+        self._untouched = False
+        self._before = _sum(self._before, process.latest)
+        process.stop(kill=kill)
+        self._log += process.printed()
+
+    def release(self) -> None:
+        process, reservation = self._process, self._reservation
+        printed = "" if process is None else process.printed()
+        if process is None or reservation is None or not self._untouched or not process.leave():
+            self.stop()
+            return
+        self._process = self._reservation = None
+        self._log += printed
+        _spare.append((process, reservation))
 
     def log(self) -> str:
-        return "".join(self._lines)
+        return self._log + (self._process.printed() if self._process is not None else "")
 
     def processes(self) -> Sequence[int]:
         process = self._process
@@ -175,63 +292,22 @@ class ExternalAgent(OwnAgent):
 
     def counts(self) -> Mapping[str, int]:
         self._ask()
-        return self._before + Counter(self._latest) if self._latest or self._before else {}
+        return self._before if self._process is None else _sum(self._before, self._process.latest)
 
     def _ask(self) -> dict[str, Any] | None:
         """What it says about itself; None when it does not run, or no more."""
         process = self._process
-        if process is None:
-            return None
-        assert process.stdin is not None
-        try:
-            process.stdin.write(ASK)
-            process.stdin.flush()
-            answer: dict[str, Any] = json.loads(self._answers.get(timeout=_ANSWER_S))
-        except (OSError, queue.Empty):
-            return None
-        self._latest = answer["counts"]
-        return answer
+        return None if process is None else process.ask()
 
     def _serve(self, port: int) -> None:
         assert self._process is None
-        process = self._launch("nros_backends.xrce.external", [str(port)], None)
-        assert process.stdout is not None
-        answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        lines, output = self._lines, process.stdout
-
-        def read() -> None:
-            for line in output:
-                if line.startswith(b"{"):
-                    answers.put(line)
-                    continue
-                lines.append(line.decode(errors="replace"))
-                if line.startswith(SAYS.encode()):
-                    answers.put(line)
-            answers.put(b"")
-
-        self._reader = threading.Thread(target=read, name="xrce-agent-log", daemon=True)
-        self._reader.start()
-        try:
-            said = answers.get(timeout=_START_S)
-        except queue.Empty:
-            said = b""
-            lines.append(f"nothing was heard of the process within {_START_S:.0f} s\n")
-        if said:
-            self._process, self._answers = process, answers
+        process = _Process(port, self._launch)
+        if process.came_up():
+            self._process = process
             return
-        process.kill()
-        process.wait()
-        self._forget(process)
-        raise OSError(lines[-1].strip() if lines else "the process ended without a word")
-
-    def _forget(self, process: Child) -> None:
-        if self._reader is not None:
-            self._reader.join()
-            self._reader = None
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(BrokenPipeError):
-                    pipe.close()
+        process.stop(kill=True)
+        self._log += process.printed()
+        raise OSError(process.printed().rstrip().rpartition("\n")[2] or "the process ended without a word")
 
 
 class UserAgent(Environment):
@@ -258,6 +334,11 @@ class UserAgent(Environment):
 
     def endpoint(self) -> str:
         return f"{self.address[0]}:{self.address[1]}"
+
+
+def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
+    """Of counts; one that is 0 is a count too."""
+    return {what: one.get(what, 0) + other.get(what, 0) for what in (*one, *other)}
 
 
 def _listed(found: Iterable[Sequence[str]]) -> list[Listed]:

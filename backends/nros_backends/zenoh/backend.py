@@ -75,7 +75,10 @@ class ZenohBackend(Backend):
         self._faults = Faults(self._network, lambda: list(self._sessions))
         clients = host.variant == ROUTER
         given = host.options.get("locator", "") if clients else ""
-        self._own = OwnRouter(host.ports, host.network * _PORTS_EACH, host.launch) if clients and not given else None
+        self._own: OwnRouter | None = None
+        if clients and not given:
+            untouched = not host.faults and not host.processes
+            self._own = OwnRouter(host.ports, host.network * _PORTS_EACH, host.launch, untouched=untouched)
         self._environment: Environment = GivenRouter(given) if given else self._own or Environment()
 
     def create_session(self, options: SessionOptions) -> Session:
@@ -112,7 +115,7 @@ class ZenohBackend(Backend):
             session.destroy()
         self._sessions.clear()
         if self._own is not None:
-            self._own.close()
+            self._own.stop()
 
     def environment(self) -> Environment:
         """The same one each time: the router process of the variant ``router``, or the one that was named."""

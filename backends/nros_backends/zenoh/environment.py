@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import os
 import select
@@ -9,11 +10,10 @@ import socket
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from typing import IO
 
 from nros_backends.zenoh.config import LEASE_MS, free_port
 from nros_conformance.rmw.backend import Environment
-from nros_conformance.rmw.child import Child, Launch, launch
+from nros_conformance.rmw.child import Launch, launch
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
 _START_S = 20.0
@@ -22,34 +22,44 @@ _START_S = 20.0
 _STOP_S = 5.0
 
 
-class OwnRouter(Environment):
-    """A router process on a port of loopback that stays the same for all its starts."""
+class _Router:
+    """One life of a router process."""
 
-    def __init__(self, ports: range, first: int, launch: Launch = launch) -> None:
-        self._launch = launch
-        self._ports = ports
-        self._first = first
-        self._endpoint = ""
-        self._process: Child | None = None
-        self._log: IO[bytes] | None = None
+    def __init__(self, endpoint: str, launch: Launch) -> None:
+        self.endpoint = endpoint
+        self._printed = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `stop`
+        self._before = 0
+        self._process = launch("nros_backends.zenoh.router", [endpoint, str(LEASE_MS)], self._printed)
 
-    def start(self) -> None:
-        """Raises `RmwError` CONNECTION_FAILED with what the router has printed."""
-        if self.running:
-            return
-        if self._log is None:
-            self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
-        self._process = self._launch("nros_backends.zenoh.router", [self.endpoint(), str(LEASE_MS)], self._log)
-        assert self._process.stdout is not None
-        ready, _, _ = select.select([self._process.stdout], [], [], _START_S)
-        if not ready or not self._process.stdout.readline():
-            self.stop(kill=True)
-            raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router at {self._endpoint}: {self.log()[-500:]}")
+    def came_up(self) -> bool:
+        """Wait for it to listen; whether it does."""
+        output = self._process.stdout
+        assert output is not None
+        ready, _, _ = select.select([output], [], [], _START_S)
+        return bool(ready and output.readline())
 
-    def stop(self, *, kill: bool = False) -> None:
-        process, self._process = self._process, None
-        if process is None:
-            return
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def runs(self) -> bool:
+        """Whether it does by itself, still."""
+        return self._process.poll() is None
+
+    def printed(self) -> str:
+        """What it has printed since the last `leave`."""
+        size = self._printed.seek(0, os.SEEK_END) - self._before
+        return os.pread(self._printed.fileno(), size, self._before).decode(errors="replace")
+
+    def leave(self) -> str:
+        """What it has printed for this play; it stays for another one."""
+        printed = self.printed()
+        self._before = self._printed.tell()
+        return printed
+
+    def stop(self, *, kill: bool) -> str:
+        """End it; what it has printed."""
+        process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         if kill:
@@ -64,22 +74,77 @@ class OwnRouter(Environment):
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()
         process.stdout.close()
+        with self._printed:
+            return self.printed()
 
-    def close(self) -> None:
-        """Stop it for good."""
-        self.stop()
-        if self._log is not None:
-            self._log.close()
-            self._log = None
+
+_spare: collections.deque[_Router] = collections.deque()
+"""Routers of this process that have served a play, and nothing was done to them."""
+
+
+def _spare_one() -> _Router | None:
+    """One that still runs, if there is any."""
+    while _spare:
+        with contextlib.suppress(IndexError):  # another thread was quicker
+            router = _spare.pop()
+            if router.runs():
+                return router
+            router.stop(kill=True)
+    return None
+
+
+class OwnRouter(Environment):
+    """A router process on a port of loopback that stays the same for all its starts.
+
+    ``untouched``: nothing is going to happen to it but sessions that come and go. Then it may be one that has served
+    a play before, and serve another one afterwards: a start costs 25 ms of a core.
+    """
+
+    def __init__(self, ports: range, first: int, launch: Launch = launch, *, untouched: bool = False) -> None:
+        self._launch = launch
+        self._ports = ports
+        self._first = first
+        self._untouched = untouched
+        self._endpoint = ""
+        self._router: _Router | None = None
+        self._log = ""
+
+    def start(self) -> None:
+        """Raises `RmwError` CONNECTION_FAILED with what the router has printed."""
+        if self.running:
+            return
+        router = _spare_one() if self._untouched and not self._endpoint else None
+        if router is None:
+            router = _Router(self.endpoint(), self._launch)
+            if not router.came_up():
+                printed = router.stop(kill=True)
+                self._log += printed
+                raise RmwError(ReturnCode.CONNECTION_FAILED, f"no router at {router.endpoint}: {printed[-500:]}")
+        self._router, self._endpoint = router, router.endpoint
+
+    def stop(self, *, kill: bool = False) -> None:
+        router, self._router = self._router, None
+        if router is not None:
+            self._untouched = False
+            self._log += router.stop(kill=kill)
+
+    def release(self) -> None:
+        router = self._router
+        if router is None or not self._untouched or not router.runs():
+            self.stop()
+            return
+        self._router = None
+        self._log += router.leave()
+        _spare.append(router)
 
     @property
     def running(self) -> bool:
         """Whether it has been started, and not stopped."""
-        return self._process is not None
+        return self._router is not None
 
     def processes(self) -> Sequence[int]:
-        process = self._process
-        return () if process is None else (process.pid,)
+        router = self._router
+        return () if router is None else (router.pid,)
 
     def endpoint(self) -> str:
         """Chosen when first asked for."""
@@ -88,10 +153,7 @@ class OwnRouter(Environment):
         return self._endpoint
 
     def log(self) -> str:
-        if self._log is None:
-            return ""
-        size = self._log.seek(0, os.SEEK_END)
-        return os.pread(self._log.fileno(), size, 0).decode(errors="replace")
+        return self._log + (self._router.printed() if self._router is not None else "")
 
     def _free_port(self) -> int:
         """One of the leased ports, which no other run uses; without a lease one that the kernel chooses."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -165,6 +166,41 @@ def test_an_agent_beside_tells_its_process(either: Bench) -> None:
     for process in told:
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
+
+
+def test_an_agent_beside_serves_the_next_play_when_it_was_left_untouched() -> None:
+    first = Bench(variant="external")
+    session = first.session(hard_ms=300)
+    publisher(session)
+    assert first.agent.counts() == {"checks": 0, "probes": 0}
+    assert session.ping(5_000) == OK
+    assert first.agent.counts() == {"checks": 0, "probes": 1}
+    served = first.agent.processes(), first.agent.endpoint()
+    session.destroy()
+    first.agent.release()
+    first.backend.close()
+    assert served[1].partition(":")[2] in first.agent.log()
+
+    second = Bench(variant="external")
+    third = Bench(variant="external")
+    touched = Bench(variant="external", faults=frozenset({"stop"}))
+    assert (second.agent.processes(), second.agent.endpoint()) == served
+    assert len({bench.agent.endpoint() for bench in (second, third, touched)}) == 3
+    assert (second.agent.log(), second.agent.counts()) == ("", {"checks": 0, "probes": 0})
+    second.session()  # one that is left over with what is in it
+    publisher(second.session())
+    second.agent.release()
+    assert list(second.agent.processes()) == []
+    touched.agent.release()
+    assert list(touched.agent.processes()) == []
+    (process,) = third.agent.processes()
+    third.agent.release()
+    os.kill(process, signal.SIGKILL)
+    os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
+    fourth = Bench(variant="external")
+    assert process not in fourth.agent.processes()
+    for bench in (second, third, touched, fourth):
+        bench.backend.close()
 
 
 def test_hard_liveliness_removes_who_is_silent_and_nobody_who_drives(either: Bench) -> None:

@@ -324,6 +324,33 @@ def test_a_router_takes_a_leased_port_and_says_why_it_does_not_start(make_stage:
     assert "CONNECTION_FAILED" in router.log()
 
 
+def test_a_router_serves_the_next_play_when_it_was_left_untouched(make_stage: Callable[..., Any]) -> None:
+    def started(*faults: str) -> Any:
+        router = make_stage("router", *faults).backend.environment()
+        router.start()
+        return router
+
+    first = started()
+    served = first.endpoint(), *first.processes()
+    first.release()
+    assert (first.processes(), first.running) == ((), False)
+    second, third, touched = started(), started(), started("stop")
+    assert (second.endpoint(), *second.processes()) == served
+    assert second.log() == ""
+    assert len({one.endpoint() for one in (second, third, touched)}) == 3
+    touched.release()
+    second.stop()
+    second.start()
+    second.release()
+    assert second.processes() == (), "it has been stopped once"
+    (process,) = third.processes()
+    third.release()
+    os.kill(process, signal.SIGKILL)
+    os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
+    fourth = started()
+    assert process not in fourth.processes()
+
+
 def test_a_router_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
     code = """
         import os
