@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import queue
@@ -166,19 +167,22 @@ class RowRun:
         wanted = {plan.key: self._to_play[plan.key].scenario.needs.process for plan in plans}
         together = [plan for plan in plans if wanted[plan.key] == "shared"]
         alone = [plan for plan in plans if wanted[plan.key] == "alone"]
-        own = [plan for plan in plans if wanted[plan.key] == "own"]
-        # The longest first, so that nothing long is left over at the end.
-        for some in (together, own):
-            some.sort(key=lambda plan: -plan.expected_ns)
-        at_once = max(1, min(self.at_once >> (number - 1), self.row.declaration.bounds.sessions // 2))
         # A process each for the others; one for those that must not share it at the same time.
-        with self._beside(pool, [part for part in (alone, *([plan] for plan in own)) if part]):
+        parts = [part for part in (alone, *([plan] for plan in plans if wanted[plan.key] == "own")) if part]
+        # The longest first, so that nothing long is left over at the end.
+        together.sort(key=lambda plan: -plan.expected_ns)
+        parts.sort(key=lambda part: -sum(plan.expected_ns for plan in part))
+        at_once = max(1, min(self.at_once >> (number - 1), self.row.declaration.bounds.sessions // 2))
+        with self._beside(pool, parts):
             if together:
                 pool.play(together, at_once)
 
     @contextlib.contextmanager
     def _beside(self, pool: Pool, parts: Sequence[Sequence[Plan]]) -> Iterator[None]:
-        """Plays each part in a process while other things go on, or after that where somebody looks at each process."""
+        """Plays each part in a process while other things go on, or after that where somebody looks at each process.
+
+        They begin in this order.
+        """
         if self._launch.wrap or self._launch.debug:
             yield
             for part in parts:
@@ -189,15 +193,17 @@ class RowRun:
         for lane in range(lanes):
             places.put(AT_ONCE + lane)
 
-        def play(part: Sequence[Plan]) -> None:
+        waiting = collections.deque(parts)
+
+        def play_next() -> None:
             place = places.get()
             try:
-                pool.play(part, 1, place)
+                pool.play(waiting.popleft(), 1, place)
             finally:
                 places.put(place)
 
         with ThreadPoolExecutor(BESIDE, thread_name_prefix=self.row.name) as executor:
-            playing = [executor.submit(play, part) for part in parts]
+            playing = [executor.submit(play_next) for _ in parts]
             try:
                 yield
             except BaseException:

@@ -1,12 +1,20 @@
 from __future__ import annotations
 
+import threading
+from collections.abc import Sequence
+from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 
 from nros_conformance.campaign import run
+from nros_conformance.campaign.plans import Row
 from nros_conformance.campaign.run import AT_LEAST, AT_ONCE, RowRun, share_out
+from nros_conformance.campaign.selection import Selection
+from nros_conformance.play.plan import Plan
+from nros_conformance.rmw.discovery import find_backend
+from nros_conformance.suite.loader import load_suites
 
 
 def shares(*totals: int, virtual: int = 0, part: int = 1) -> list[int]:
@@ -32,3 +40,40 @@ def test_each_row_has_some_places_and_none_too_many(monkeypatch: pytest.MonkeyPa
     assert shares(*[300] * 20) == [AT_LEAST] * 20
     assert shares(500, 500, part=4) == [4, 4]
     assert shares() == []
+
+
+class _Pool:
+    """Writes down what it is told to play; what is shared lasts until all the others have begun."""
+
+    def __init__(self, others: int) -> None:
+        self.began: list[Sequence[Plan]] = []
+        self.lanes: set[int] = set()
+        self._others = threading.Semaphore(0)
+        self._count = others
+
+    def play(self, plans: Sequence[Plan], at_once: int, place: int = 0) -> None:
+        if at_once > 1:
+            for _ in range(self._count):
+                assert self._others.acquire(timeout=10)
+            return
+        self.began.append(plans)
+        self.lanes.add(place)
+        self._others.release()
+
+
+def test_what_has_a_process_of_its_own_begins_with_the_longest(tmp_path: Path) -> None:
+    found, suites = find_backend("uorb"), load_suites()
+    assert found.declaration is not None
+    row = RowRun(
+        Row(found.declaration, found.adapter), suites, Selection("publish"), tmp_path,
+        ports=range(0), control=None, watch=lambda progress: None,
+    )  # fmt: skip
+    row.at_once = AT_LEAST
+    own = [one for one in suites.scenarios if one.scenario.needs.process == "own"]
+    pool = _Pool(len(own) + 1)
+    row._to_play = {one.key: one for one in suites.scenarios}
+    row._round(cast(Any, pool), suites.scenarios, 1)
+    lasts = [sum(plan.expected_ns for plan in plans) for plans in pool.began]
+    assert len(lasts) == len(own) + 1 > 6
+    assert lasts == sorted(lasts, reverse=True)
+    assert pool.lanes == {AT_ONCE}, "one at a time, as long as there is something beside it"
