@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
-from nros_conformance.rmw.child import Launch, launch
+from nros_conformance.rmw.child import Launcher, launch
 from nros_conformance.rmw.clock import Clock
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import EventCallback, Side
@@ -46,7 +46,7 @@ class Host:
     processes: bool = False
     faults: frozenset[str] = frozenset()
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    launch: Launch = launch
+    launch: Launcher = launch
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

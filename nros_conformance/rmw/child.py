@@ -28,7 +28,7 @@ class Child(Protocol):
         """SIGKILL."""
 
 
-Launch = Callable[[str, Sequence[str], "IO[Any] | None"], Child]
+Launcher = Callable[[str, Sequence[str], "IO[Any] | None"], Child]
 """Runs ``main()`` of a module, which finds its arguments (the second one) in ``sys.argv``, as ``python -m`` does.
 
 Standard input and output are pipes; standard error goes to the file given, without one to standard output.
@@ -36,7 +36,7 @@ Standard input and output are pipes; standard error goes to the file given, with
 
 
 def launch(module: str, arguments: Sequence[str], errors: IO[Any] | None = None) -> Child:
-    """`Launch` in a new interpreter, 0.1 s. The harness lends backends one that forks (`Host.launch`)."""
+    """`Launcher` in a new interpreter, 0.1 s. The harness lends backends one that forks (`Host.launch`)."""
     return subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT if errors is None else errors,

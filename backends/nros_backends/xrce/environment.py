@@ -23,7 +23,7 @@ from nros_backends.xrce.external import ASK, LOOPBACK, SAYS, Pings, endpoints
 from nros_backends.xrce.link import Link
 from nros_backends.xrce.policies import given_topic
 from nros_conformance.rmw.backend import Environment, Listed
-from nros_conformance.rmw.child import Launch, launch
+from nros_conformance.rmw.child import Launcher, launch
 from nros_conformance.rmw.clock import MS, Clock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.events import Side
@@ -133,7 +133,7 @@ class EmbeddedAgent(OwnAgent):
 class _Process:
     """One life of an agent process (`external`). Raises OSError when it does not come up."""
 
-    def __init__(self, port: int, launch: Launch) -> None:
+    def __init__(self, port: int, launch: Launcher) -> None:
         self.port = port
         self._child = launch("nros_backends.xrce.external", [str(port)], None)
         self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -242,7 +242,7 @@ class ExternalAgent(OwnAgent):
     """
 
     def __init__(
-        self, ports: range = range(0), first: int = 0, launch: Launch = launch, *, untouched: bool = False
+        self, ports: range = range(0), first: int = 0, launch: Launcher = launch, *, untouched: bool = False
     ) -> None:
         super().__init__(ports, first)
         self._launch = launch

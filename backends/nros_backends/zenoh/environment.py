@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from nros_backends.zenoh.config import LEASE_MS, free_port
 from nros_conformance.rmw.backend import Environment
-from nros_conformance.rmw.child import Launch, launch
+from nros_conformance.rmw.child import Launcher, launch
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
 _START_S = 20.0
@@ -25,7 +25,7 @@ _STOP_S = 5.0
 class _Router:
     """One life of a router process."""
 
-    def __init__(self, endpoint: str, launch: Launch) -> None:
+    def __init__(self, endpoint: str, launch: Launcher) -> None:
         self.endpoint = endpoint
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `stop`
         self._before = 0
@@ -100,7 +100,7 @@ class OwnRouter(Environment):
     a play before, and serve another one afterwards: a start costs 25 ms of a core.
     """
 
-    def __init__(self, ports: range, first: int, launch: Launch = launch, *, untouched: bool = False) -> None:
+    def __init__(self, ports: range, first: int, launch: Launcher = launch, *, untouched: bool = False) -> None:
         self._launch = launch
         self._ports = ports
         self._first = first
