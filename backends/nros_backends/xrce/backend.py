@@ -31,7 +31,8 @@ from typing import Any
 
 from nros_backends.xrce.client.client import LEASE_NS, ping_agent
 from nros_backends.xrce.client.core import LIVELINESS_MAX_MS, Config
-from nros_backends.xrce.environment import EmbeddedAgent, ExternalAgent, OwnAgent, UserAgent
+from nros_backends.xrce.environment import EmbeddedAgent, OwnAgent, UserAgent
+from nros_backends.xrce.external_agent import ExternalAgent
 from nros_backends.xrce.faults import inject
 from nros_backends.xrce.link import Link
 from nros_backends.xrce.policies import compatible
