@@ -10,6 +10,7 @@ from nros_conformance.rmw.backend import Host
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.process import ProcessEnvironment
+from tests.ports import leased_ports
 
 BROKER = (
     sys.executable, "-S", "-c",
@@ -22,7 +23,8 @@ BROKER = (
 
 
 def environment(tmp_path: Path, *command: str, ready_s: float = 10.0) -> ProcessEnvironment:
-    return ProcessEnvironment(command, Host(clock=MonotonicClock(), scratch=tmp_path / "play.d"), ready_s=ready_s)
+    host = Host(clock=MonotonicClock(), scratch=tmp_path / "play.d", ports=leased_ports())
+    return ProcessEnvironment(command, host, ready_s=ready_s)
 
 
 @pytest.mark.parametrize("kill", [False, True])

@@ -12,6 +12,7 @@ from nros_backends.xrce.subscription import XrceSubscription
 from nros_conformance.rmw.backend import Host, SessionOptions
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.qos import DEFAULT, QosProfile
+from tests.ports import leased_ports
 
 TYPE = "std_msgs/msg/String"
 
@@ -20,6 +21,7 @@ class Bench:
     """A backend with its agent, and short words for what tests do with it."""
 
     def __init__(self, **options: object) -> None:
+        options.setdefault("ports", leased_ports())
         self.backend = XrceBackend(Host(clock=MonotonicClock(), **options))  # type: ignore[arg-type]
         self.agent = self.backend.environment()
         self.agent.start()

@@ -16,6 +16,7 @@ from nros_conformance.rmw.clock import MS, MonotonicClock
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.rmw.events import EventStatus
 from nros_conformance.rmw.qos import DEFAULT
+from tests.ports import leased_ports
 
 if TYPE_CHECKING:
     from nros_backends.zenoh.backend import ZenohBackend
@@ -129,6 +130,7 @@ def make_stage(clock: MonotonicClock, tmp_path: Path) -> Iterator[Callable[..., 
     made: list[Stage] = []
 
     def make_stage(variant: str = "peer", *faults: str, **host: Any) -> Stage:
+        host.setdefault("ports", leased_ports())
         backend = ZenohBackend(Host(clock, variant, next(_numbers), scratch=tmp_path, faults=frozenset(faults), **host))
         made.append(Stage(backend, clock))
         return made[-1]
