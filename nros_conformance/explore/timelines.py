@@ -65,6 +65,10 @@ class Action:
     count: int = 1
 
 
+LAST = Action("drive", count=3)
+"""What every timeline ends with."""
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Timeline:
     """Actions one after the other, and the kinds that are registered from the start."""
@@ -250,7 +254,7 @@ def scenario(
     told.do(Action("drive"))
     deaf.do(Action("drive"))
     looks: list[tuple[_Told, _Told, str, int, set[str]]] = []
-    for index, action in enumerate((*timeline.actions, Action("drive", count=3))):
+    for index, action in enumerate((*timeline.actions, LAST)):
         label = f"a{index}"
         begin = f"go.end + {(told.now - TICK) / T:g}T" if told.now > TICK else "go.end"
         told.do(action)
@@ -284,7 +288,7 @@ def scenario(
 def behind(timeline: Timeline, records: Iterable[AnyRecord], scale_ns: int = T) -> float:
     """By how many T a play was behind its timeline at most; 0 when it did not even begin. ``scale_ns``: its T."""
     due, now = {}, 0.0
-    for index, action in enumerate(timeline.actions):
+    for index, action in enumerate((*timeline.actions, LAST)):
         lasts = action.count * TICK / T if action.verb in TIME else 0
         due[f"a{index}"] = now + lasts - (0.2 if lasts else 0)
         now += lasts

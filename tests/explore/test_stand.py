@@ -116,6 +116,8 @@ def test_how_far_a_play_was_behind_its_timeline() -> None:
     lost = FaultRecord(label="a0", fault="lose", begin=0, end=1007 * MS)
     assert behind(timeline, [act("go", 1000), lost]) == pytest.approx(0.07)
     assert behind(timeline, [act("a2", 5000)]) == 0
+    end = len(timeline.actions)
+    assert behind(timeline, [*on_time, act(f"a{end}", 9_000)]) > 1, "what it ends with is looked at too"
 
 
 @pytest.mark.usefixtures("_fragile")
