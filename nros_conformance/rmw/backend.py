@@ -48,6 +48,11 @@ class Host:
     options: Mapping[str, str] = dataclasses.field(default_factory=dict)
     launch: Launcher = launch
 
+    @property
+    def peer_untouched(self) -> bool:
+        """Whether nothing will happen to the agent or router but sessions that come and go (`Environment.release`)."""
+        return not self.faults and not self.processes
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SessionOptions:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -41,3 +42,20 @@ def launch(module: str, arguments: Sequence[str], errors: IO[Any] | None = None)
         [sys.executable, "-m", module, *arguments],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT if errors is None else errors,
     )  # fmt: skip
+
+
+def await_end(child: Child, within_s: float) -> None:
+    """Wait for one that was told to end; one that is frozen, or does not mind being asked, is killed after that."""
+    try:
+        child.wait(within_s)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+def close_pipes(child: Child) -> None:
+    """Of one that has ended, and whose output nobody reads any more."""
+    for pipe in (child.stdin, child.stdout):
+        if pipe is not None:
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()

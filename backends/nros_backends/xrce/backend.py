@@ -77,8 +77,8 @@ class XrceBackend(Backend):
         if named:
             return UserAgent(_address(named), self.host.clock)
         if self.host.variant == "external":
-            untouched = not self.host.faults and not self.host.processes
-            return ExternalAgent(self.host.ports, self.host.network, self.host.launch, untouched=untouched)
+            host = self.host
+            return ExternalAgent(host.ports, host.network, host.launch, untouched=host.peer_untouched)
         return EmbeddedAgent(self.host.ports, self.host.network)
 
     def create_session(self, options: SessionOptions) -> Session:

@@ -7,7 +7,6 @@ import contextlib
 import json
 import queue
 import socket
-import subprocess
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 from nros_backends.xrce.environment import OwnAgent, listed
 from nros_backends.xrce.external import ASK, SAYS
 from nros_conformance.rmw.backend import Listed
-from nros_conformance.rmw.child import Launcher, launch
+from nros_conformance.rmw.child import Launcher, await_end, close_pipes, launch
 
 _START_S = 60.0
 """For a process to start and say so; 0.2 s on an idle host, more than 20 s on one with 35 busy threads a core."""
@@ -92,16 +91,9 @@ class _Process:
         else:
             with contextlib.suppress(BrokenPipeError):
                 child.stdin.close()
-        try:
-            child.wait(_STOP_S)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
+        await_end(child, _STOP_S)
         self._reader.join()
-        for pipe in (child.stdin, child.stdout):
-            if pipe is not None:
-                with contextlib.suppress(BrokenPipeError):
-                    pipe.close()
+        close_pipes(child)
 
     def _read(self) -> None:
         assert self._child.stdout is not None

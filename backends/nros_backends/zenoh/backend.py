@@ -77,8 +77,8 @@ class ZenohBackend(Backend):
         given = host.options.get("locator", "") if clients else ""
         self._own: OwnRouter | None = None
         if clients and not given:
-            untouched = not host.faults and not host.processes
-            self._own = OwnRouter(host.ports, host.network * _PORTS_EACH, host.launch, untouched=untouched)
+            first = host.network * _PORTS_EACH
+            self._own = OwnRouter(host.ports, first, host.launch, untouched=host.peer_untouched)
         self._environment: Environment = GivenRouter(given) if given else self._own or Environment()
 
     def create_session(self, options: SessionOptions) -> Session:

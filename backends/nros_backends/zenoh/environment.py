@@ -7,13 +7,12 @@ import contextlib
 import os
 import select
 import socket
-import subprocess
 import tempfile
 from collections.abc import Sequence
 
 from nros_backends.zenoh.config import LEASE_MS, free_port
 from nros_conformance.rmw.backend import Environment
-from nros_conformance.rmw.child import Launcher, launch
+from nros_conformance.rmw.child import Launcher, await_end, close_pipes, launch
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 
 _START_S = 20.0
@@ -59,21 +58,12 @@ class _Router:
 
     def stop(self, *, kill: bool) -> str:
         """End it; what it has printed."""
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
         if kill:
-            process.kill()
+            self._process.kill()
         else:
-            process.terminate()
-        try:
-            process.wait(_STOP_S)
-        except subprocess.TimeoutExpired:
-            process.kill()  # it was frozen, or does not end
-            process.wait()
-        with contextlib.suppress(BrokenPipeError):
-            process.stdin.close()
-        process.stdout.close()
+            self._process.terminate()
+        await_end(self._process, _STOP_S)
+        close_pipes(self._process)
         with self._printed:
             return self.printed()
 
