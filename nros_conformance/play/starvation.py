@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from nros_conformance.play.process import passing
 from nros_conformance.rmw.clock import MS, Clock, Signal
 from nros_conformance.trace.records import Starved
 
@@ -134,6 +135,10 @@ class _Threads:
 
     def waits(self) -> dict[str, int]:
         """By thread: how long it has been runnable but not running, ns."""
+        with passing:
+            return self._read()
+
+    def _read(self) -> dict[str, int]:
         found: dict[str, int] = {}
         before, self._kept = self._kept, {}
         for thread in _threads(self._process):

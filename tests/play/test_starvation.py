@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from nros_conformance.play import starvation
+from nros_conformance.play.process import QUANTITIES
 from nros_conformance.play.starvation import Watch, wait_patiently
 from nros_conformance.rmw.clock import MS, MonotonicClock, VirtualClock
 from nros_conformance.trace.records import Starved
@@ -189,3 +190,20 @@ def test_no_more_descriptors_than_allowed_are_open_meanwhile(monkeypatch: pytest
     assert (seen, still) == ([1, 1, 1], set())
     assert starvation._Threads(7, 1).waits() == {"1": MS, "2": 2 * MS, "3": 3 * MS}
     assert (seen[3:], still) == ([1, 2, 2], {1})
+
+
+def test_who_counts_descriptors_does_not_count_what_a_look_has_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    looking, counted = threading.Event(), list[int]()
+
+    def wait(descriptor: int) -> int:
+        looking.set()
+        counting.join(0.1)  # it has the time, and does not take it
+        return descriptor
+
+    monkeypatch.setattr(starvation, "_wait", wait)
+    counting = threading.Thread(target=lambda: counted.append(looking.wait(5.0) and QUANTITIES["descriptors"]()))
+    counting.start()
+    starvation._waits()
+    assert counted == []
+    counting.join(5.0)
+    assert len(counted) == 1

@@ -250,6 +250,7 @@ def test_a_router_that_dies_and_comes_back_has_the_same_address_and_all_publishe
         assert list(router.processes()) == []
         stage.until(lambda: log.last == 0)
         assert subscription.session.drive_io(0) == ReturnCode.CONNECTION_FAILED
+        stage.until(lambda: publisher.session.drive_io(0) == ReturnCode.CONNECTION_FAILED)  # a link of its own
         assert publisher.publish_raw(b"into the void") == ReturnCode.CONNECTION_FAILED
         assert [publisher.session.ping(20), stage.backend.ping(options, 20, 2)] == [ReturnCode.TIMEOUT] * 2
         with pytest.raises(RmwError, match="CONNECTION_FAILED"):
@@ -419,7 +420,5 @@ def test_sessions_leave_neither_threads_nor_descriptors(make_stage: Callable[...
     files, threads = held()
     for _ in range(25):
         cycle()
-    later_files, later_threads = held()
-    # zenoh's pools may still be filling; a leak would be 25 or more.
-    assert later_files <= files + 3
-    assert later_threads <= threads + 3
+    # zenoh closes sockets on threads of its own, and its pools may still be filling; a leak stays, and is 25 or more.
+    stage.until(lambda: all(now <= before + 3 for now, before in zip(held(), (files, threads), strict=True)))
