@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -14,6 +15,9 @@ FAKETIME_PLACES: tuple[tuple[str, str], ...] = tuple(
 
 INSTALL = "apt install libfaketime"
 
+_AHEAD = "FAKETIME"
+"""The variable that says how far the wall clock is ahead, in seconds with a sign. It is looked up at every call."""
+
 
 class NoFaketime(Exception):
     """The library is not on this machine."""
@@ -24,20 +28,21 @@ def find_faketime(places: Iterable[tuple[str, str]] = FAKETIME_PLACES) -> Path |
     return next((file for root, pattern in places for file in sorted(Path(root).glob(pattern))), None)
 
 
-def preload(wall_clock: Path) -> dict[str, str]:
-    """Environment of a process whose wall clock is ahead by what ``wall_clock`` says, in seconds, at every look.
+def preload() -> dict[str, str]:
+    """Environment of a process that can `set_ahead` its wall clock. Raises `NoFaketime`.
 
-    Raises `NoFaketime`.
+    libfaketime could read a file instead, which others can write: 4.5 us a call where the variable takes 0.5, and
+    a middleware looks at the clock 5,000 times a second.
     """
     library = find_faketime()
     if library is None:
         raise NoFaketime(f"libfaketime is not installed; {INSTALL}")
-    return {
-        "LD_PRELOAD": str(library),
-        "FAKETIME_TIMESTAMP_FILE": str(wall_clock),
-        "FAKETIME_NO_CACHE": "1",
-        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-    }
+    return {"LD_PRELOAD": str(library), _AHEAD: "+0", "FAKETIME_NO_CACHE": "1", "FAKETIME_DONT_FAKE_MONOTONIC": "1"}
+
+
+def set_ahead(by_ns: int) -> None:
+    """Set the wall clock of this process to ``by_ns`` ahead of the real one; its monotonic clock goes on as before."""
+    os.environ[_AHEAD] = f"{by_ns / 1e9:+.6f}"
 
 
 def lacking() -> dict[str, str]:

@@ -32,7 +32,7 @@ def strike(fault: str, driver: RemoteDriver, by_ns: int = 0) -> None:
         case "thaw":
             driver.process.thaw()
         case "clock_step":
-            driver.process.step_clock(by_ns)
+            driver.step_clock(by_ns)
 
 
 class Injector:

@@ -28,16 +28,17 @@ class Order(Struct, frozen=True, tag="order"):
     """Do this at ``due``, on the session's thread, and answer `Done` with the same ``number``.
 
     ``step`` and ``fault`` are those of the script with this ``label``; ``connect``, ``create``, ``destroy`` and
-    ``matched`` (of ``entity``) are the player's own; ``pause`` and ``resume`` the background drive; ``end``
-    ends the process.
+    ``matched`` (of ``entity``) are the player's own; ``pause`` and ``resume`` the background drive; ``clock``
+    sets the wall clock to ``ahead_ns`` ahead, at once and beside the session's thread; ``end`` ends the process.
     """
 
     number: int
-    what: Literal["connect", "create", "step", "fault", "destroy", "matched", "pause", "resume", "end"]
+    what: Literal["connect", "create", "step", "fault", "destroy", "matched", "pause", "resume", "clock", "end"]
     due: int
     label: str = ""
     index: int = 0
     entity: str = ""
+    ahead_ns: int = 0
 
 
 class Ready(Struct, frozen=True, tag="ready"):

@@ -17,8 +17,9 @@ the run only this wait."""
 
 CYCLE_NS = 20 * MS
 """What the calls of a cycle may take, several times what a Cyclone session takes to come and go (6 ms)."""
-_PATIENCE = 4
-"""What waits for an answer rarely lasts as long as it may; the watchdog of a play allows four times of all."""
+_PATIENCE = 16
+"""What waits for an answer rarely lasts as long as it may: with a sixteenth the plays of every row add up to what they
+took. The watchdog of a play allows four times of all, and a minute."""
 
 
 class Plan(Struct, frozen=True, kw_only=True):

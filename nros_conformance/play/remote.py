@@ -9,15 +9,15 @@ from typing import Literal, cast
 
 from nros_conformance.play.driver import Command, Driver, StopPlay
 from nros_conformance.play.orders import Cast, Done, Failed, Noted, Order, Ready, decode_answer, encode
-from nros_conformance.play.processes import SessionProcess, death
+from nros_conformance.play.processes import START_NS, SessionProcess, death
 from nros_conformance.rmw.clock import MS, Clock, Signal, Task
 from nros_conformance.trace.records import AnyRecord, State
 
 _GENERATION = 100_000
 """Sequence numbers per process: no script publishes as many from one."""
 
-_START_NS = 60_000 * MS
-"""For a process to start: 0.2 s on an idle host, and more than 7 s were seen on a crowded one."""
+_STEP_NS = 5_000 * MS
+"""For a process to set its wall clock, which takes some microseconds."""
 
 
 class RemoteDriver(Driver):
@@ -96,17 +96,30 @@ class RemoteDriver(Driver):
         self._connected = self.background = False
         self.living.clear()
 
+    def step_clock(self, by_ns: int) -> None:
+        """Set the wall clock of the process forward, or back; one that is frozen does so when it is thawed."""
+        self._ahead_ns += by_ns
+        number, now = next(self._numbers), self.clock.now_ns()
+        command = self._pending[number] = Command(self.clock, now, lambda: None, op="clock_step")
+        self._tell(Order(number, "clock", now, ahead_ns=self._ahead_ns))
+        if not self._process.frozen and not self.clock.wait(command.done, now + _STEP_NS):
+            raise StopPlay("error", f"the process of session {self.name} has not set its clock")
+
     def _start(self) -> Task:
         self._ending = False
-        self._process = self._launch()
+        self._ahead_ns = 0
+        try:
+            self._process = self._launch()
+        except (TimeoutError, ChildProcessError) as error:
+            raise StopPlay("error", f"the process of session {self.name}: {error}") from error
         self._tell(self._cast(self._generation * _GENERATION))
         self._generation += 1
         process, ready = self._process, self.clock.signal()
         task = self.clock.spawn(f"process of session {self.name}", lambda: self._listen(process, ready))
-        if not self.clock.wait(ready, self.clock.now_ns() + _START_NS):
+        if not self.clock.wait(ready, self.clock.now_ns() + START_NS):
             self._ending = True
             process.kill()
-            raise StopPlay("error", f"the process of session {self.name} has not started within {_START_NS / 1e9:g} s")
+            raise StopPlay("error", f"the process of session {self.name} has not started within {START_NS / 1e9:g} s")
         return task
 
     def _tell(self, message: Cast | Order) -> None:

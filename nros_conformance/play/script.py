@@ -223,6 +223,8 @@ class Script:
             lead = max((driver.slice_ms * MS for driver, _ in posts if driver.background), default=0)
             for _, command in posts:
                 command.due += lead
+            if not self._branches:
+                self.stage.calm(posts[-1][1].due)  # what is posted besides is on its way already
         resumed: list[Driver] = []
         if isinstance(step, schema.Call | schema.Spin):
             resumed = [driver for driver in dict.fromkeys(driver for driver, _ in posts) if driver.background]

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import os
-import select
 import sys
 import threading
-import time
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -16,7 +14,7 @@ from msgspec.structs import replace
 
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.driver import Command, Driver, describe
-from nros_conformance.play.forked import die_with_parent
+from nros_conformance.play.faketime import set_ahead
 from nros_conformance.play.orders import Cast, Done, Failed, FromSession, Noted, Order, Ready, decode_order, encode
 from nros_conformance.play.script import Script
 from nros_conformance.play.stage import Stage
@@ -96,6 +94,10 @@ class Host:
                 internal(driver.pause)
             case "resume":
                 driver.resume()
+            case "clock":
+                begin = stage.clock.now_ns()
+                set_ahead(order.ahead_ns)
+                self._line.tell(Done(order.number, begin, stage.clock.now_ns()))
             case "step" | "fault":
                 self._step(order, driver, answer)
 
@@ -137,19 +139,3 @@ def serve(connection: Connection) -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)
-
-
-def _sleep(seconds: float) -> None:
-    select.select([], [], [], seconds)
-
-
-def main() -> None:
-    """Entry of ``python -m nros_conformance.play.session_process FD``, with libfaketime preloaded."""
-    # libfaketime 0.9.10 answers EINVAL to clock_nanosleep on the monotonic clock, which time.sleep calls.
-    setattr(time, "sleep", _sleep)  # noqa: B010 - an assignment would have to take SupportsIndex too
-    die_with_parent()
-    serve(Connection(int(sys.argv[1])))
-
-
-if __name__ == "__main__":
-    main()

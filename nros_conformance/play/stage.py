@@ -151,9 +151,8 @@ class Stage:
             isinstance(step, schema.Fault) and (step.fault, step.of) == ("clock_step", name)
             for _, step in steps(self.scenario)
         )
-        wall_clock = self.backend.host.scratch.absolute() / f"{name}.clock" if stepped else None
         return RemoteDriver(
-            name, self.clock, self.record, self.fail, lambda: SessionProcess(name, wall_clock), cast, driven
+            name, self.clock, self.record, self.fail, lambda: SessionProcess(name, stepped=stepped), cast, driven
         )  # fmt: skip
 
     def record(self, record: AnyRecord) -> None:

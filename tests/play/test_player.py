@@ -64,8 +64,20 @@ def test_a_slice_is_how_long_one_background_drive_waits() -> None:
     assert longest == {"pub": 30 * MS, "sub": 2 * T}  # 10 ms by default, and three times that in a pause
 
 
+def test_slices_are_longer_between_the_calls_of_a_repetition_and_do_not_delay_them() -> None:
+    records = play([{"do": "publish", "by": "talker", "every": "1T", "times": 4, "as": "data"}])
+    data = acts(records, "data")
+    assert [act.begin - data[0].begin for act in data] == [0, T, 2 * T, 3 * T]
+    spins = [spin for spin in of(records, Spin) if data[0].end <= spin.begin]
+    assert {name: max(s.longest for s in spins if s.session == name) for name in ("pub", "sub")} == {
+        "pub": 30 * MS, "sub": 30 * MS
+    }  # fmt: skip
+    assert [spin.longest for spin in spins if spin.session == "sub"][-1] == 10 * MS  # free for the next step
+
+
 def test_between_branches_slices_stay_short() -> None:
-    records = play([{"parallel": [[{"drive": "4T"}], [{"drive": "1T"}]]}])
+    repeated = {"do": "publish", "by": "talker", "every": "1T", "times": 4}
+    records = play([{"parallel": [[{"drive": "4T"}], [{"drive": "1T"}], [repeated]]}])
     assert {s.longest for s in of(records, Spin)} == {10 * MS}
 
 

@@ -5,12 +5,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from nros_conformance.play import remote
+from nros_conformance.play import preloaded, processes
 from nros_conformance.play.faketime import NoFaketime, find_faketime, lacking, preload
 from nros_conformance.play.plan import Plan
 from nros_conformance.play.player import play as play_on
@@ -28,6 +29,8 @@ PAIR = {
 EXPECT = [{"never": "MessageLost", "of": "ALL", "proves": "MSL-002"}]
 
 needs_faketime = pytest.mark.skipif(find_faketime() is None, reason="libfaketime is not installed")
+
+BOTH_KINDS = pytest.mark.parametrize("stepped", [False, pytest.param(True, marks=needs_faketime)])
 
 
 def play(
@@ -159,7 +162,16 @@ def test_the_wall_clock_is_stepped_there_and_nowhere_else(tmp_path: Path) -> Non
     assert times == sorted(times)  # the monotonic clock is left alone
 
 
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    one = preloaded.Server()
+    monkeypatch.setattr(preloaded, "server", one)
+    yield
+    one.stop()
+
+
 @needs_faketime
+@pytest.mark.usefixtures("server")
 def test_a_process_that_is_long_in_starting_is_no_backend_that_hangs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,22 +185,30 @@ def test_a_process_that_is_long_in_starting_is_no_backend_that_hangs(
 
 
 @needs_faketime
-def test_a_process_that_does_not_start_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote, "_START_NS", 100 * MS)
-    slow = tmp_path / "python"
-    slow.write_text("#!/bin/sh\nexec sleep 60\n")
-    slow.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(slow))
+@pytest.mark.usefixtures("server")
+@pytest.mark.parametrize(("script", "start_ms", "why"), [
+    ("exec sleep 60", 100, "has not started within 0.1 s"), ("exit 1", 60_000, "has ended"),
+])  # fmt: skip
+def test_a_process_that_does_not_start_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, start_ms: int, why: str
+) -> None:
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\n{script}\n")
+    python.chmod(0o755)
     step = {"fault": "clock_step", "of": "far", "by": "1h"}
-    records = play(tmp_path, [{"drive": "1T"}, step])
-    assert ended(records) == ("error", "the process of session far has not started within 0.1 s")
+    with monkeypatch.context() as broken:
+        broken.setattr(sys, "executable", str(python))
+        broken.setattr(processes, "START_NS", start_ms * MS)
+        records = play(tmp_path, [{"drive": "1T"}, step])
+    assert ended(records) == ("error", f"the process of session far: the interpreter with libfaketime {why}")
+    assert ended(play(tmp_path, [{"drive": "1T"}, step])) == ("done", ""), "the next one is started anew"
 
 
 def test_without_the_library_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nros_conformance.play.faketime.find_faketime", lambda: None)
     assert lacking() == {"clock_step": "libfaketime is not installed (apt install libfaketime)"}
     with pytest.raises(NoFaketime, match=r"^libfaketime is not installed; apt install libfaketime$"):
-        preload(Path("clock"))
+        preload()
 
 
 @pytest.mark.parametrize(("code", "text"), [
@@ -198,19 +218,33 @@ def test_a_death_in_words(code: int | None, text: str) -> None:
     assert death(code) == text
 
 
-def test_a_process_is_gone_when_kill_returns() -> None:
-    process = SessionProcess("far")
+@BOTH_KINDS
+def test_a_process_is_gone_when_kill_returns(stepped: bool) -> None:
+    process = SessionProcess("far", stepped=stepped)
     process.freeze()
+    assert process.wait(0) is None
     process.kill()
     assert process.wait(0) == -signal.SIGKILL
     process.connection.close()
 
 
-def test_children_die_with_their_parent() -> None:
+@BOTH_KINDS
+def test_a_process_ends_when_nobody_talks_to_it(stepped: bool) -> None:
+    other = SessionProcess("other", stepped=stepped)
+    process = SessionProcess("far", stepped=stepped)
+    process.connection.close()
+    assert process.wait(60) == 0
+    assert other.wait(0) is None
+    other.kill()
+    other.connection.close()
+
+
+@BOTH_KINDS
+def test_children_die_with_their_parent(stepped: bool) -> None:
     code = (
         "import sys, time\n"
         "from nros_conformance.play.processes import SessionProcess\n"
-        "one = SessionProcess('far')\n"
+        f"one = SessionProcess('far', stepped={stepped})\n"
         "one.connection.send_bytes(b'')\n"
         "one.connection.recv_bytes()\n"  # it has begun, and complains
         "one.freeze()\n"
