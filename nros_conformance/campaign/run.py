@@ -60,7 +60,6 @@ A_CORE, AT_LEAST = 28, 4
 """All rows of a run together on the real clock, for each core that they share, and what each row has in any case.
 Seven rows keep two cores busy all the time with 28, and are done after 44 s; with 20 after 52 s."""
 
-
 SET_UP_S = 0.3
 """To begin and end a play, when the cores are as busy as `A_CORE` makes them."""
 
@@ -82,9 +81,9 @@ def share_out(runs: Sequence[RowRun], part: int = 1) -> None:
     """
     real = [run for run in runs if not run.row.virtual]
     places = A_CORE * cores() // part
-    everything = max(1.0, sum(run.shared_s for run in real))
-    for run in real:
-        run.at_once = min(AT_ONCE, max(AT_LEAST, round(places * run.shared_s / everything)))
+    lasts = [run.shared_s() for run in real]
+    for run, seconds in zip(real, lasts, strict=True):
+        run.at_once = min(AT_ONCE, max(AT_LEAST, round(places * seconds / max(1.0, sum(lasts)))))
 
 
 class RowRun:
@@ -126,9 +125,8 @@ class RowRun:
         """Scenarios to play."""
         return len(self._to_play)
 
-    @property
     def shared_s(self) -> float:
-        """How long its plays that share a process would last one after another."""
+        """How long its plays that share a process would last one after another, s."""
         shared = [one for one in self._to_play.values() if one.scenario.needs.process == "shared"]
         plans = [make_plan(one, self.row, self.suites, self.folder) for one in shared]
         return sum(SET_UP_S + plan.expected_ns / 1e9 for plan in plans)

@@ -17,9 +17,13 @@ from nros_conformance.rmw.discovery import find_backend
 from nros_conformance.suite.loader import load_suites
 
 
-def shares(*totals: int, virtual: int = 0, part: int = 1) -> list[int]:
-    rows = [SimpleNamespace(row=SimpleNamespace(virtual=False), shared_s=total, at_once=0) for total in totals]
-    unbound = [SimpleNamespace(row=SimpleNamespace(virtual=True), shared_s=1_000, at_once=0) for _ in range(virtual)]
+def run_of(seconds: float, *, virtual: bool = False) -> Any:
+    return SimpleNamespace(row=SimpleNamespace(virtual=virtual), shared_s=lambda: seconds, at_once=0)
+
+
+def shares(*lasts: int, virtual: int = 0, part: int = 1) -> list[int]:
+    rows = [run_of(seconds) for seconds in lasts]
+    unbound = [run_of(1_000, virtual=True) for _ in range(virtual)]
     share_out(cast(list[RowRun], rows + unbound), part)
     assert all(one.at_once == 0 for one in unbound)
     return [one.at_once for one in rows]
@@ -57,11 +61,11 @@ def test_a_row_lasts_as_long_as_what_its_plays_ask_for(tmp_path: Path) -> None:
     row = row_run(tmp_path)
     own = sum(one.scenario.needs.process != "shared" for one in row._to_play.values())
     assert 0 < own < row.total
-    whole = row.shared_s
+    whole = row.shared_s()
     assert whole > SET_UP_S * (row.total - own)
     one = next(key for key, one in row._to_play.items() if one.scenario.needs.process == "shared")
     plan = make_plan(row._to_play.pop(one), row.row, row.suites, tmp_path)
-    assert whole - row.shared_s == pytest.approx(SET_UP_S + plan.expected_ns / 1e9)
+    assert whole - row.shared_s() == pytest.approx(SET_UP_S + plan.expected_ns / 1e9)
 
 
 class _Pool:
