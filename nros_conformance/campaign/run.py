@@ -107,6 +107,7 @@ class RowRun:
         self._lock = threading.Lock()
         self._begun = time.monotonic()
         self._results: dict[str, ScenarioResult] = {}
+        self._done = 0
         self._observations: dict[str, list[Observation]] = {}
         self._casualties: list[Casualty] = []
         self._to_play: dict[str, Loaded] = {}
@@ -251,7 +252,8 @@ class RowRun:
             result = msgspec.structs.replace(result, known=self._known(result))
             self._results[one.key] = result
             self._observations[one.key] = observe(trace, pings=verdict.verdict != "inconclusive")
-            done = sum(1 for key in self._to_play if key in self._results)
+            self._done += former is None
+            done = self._done
         self.watch(Progress(self.row, result, done, self.total))
 
     def _known(self, result: ScenarioResult) -> str:

@@ -209,12 +209,18 @@ class _Watch:
             elif now - heard > self._pool._silence_s:
                 self._kill(f"the process has not run for {self._pool._silence_s:.0f} s")
                 return
-            grace = self._pool._play_limit_s * crowding()
-            late = [key for key, begun in self._begun.items() if now - begun > self._expected(key) + grace]
-            if late:
+            if late := self._late(now):
                 self.in_flight = {key: self.in_flight[key] for key in late}
                 self._kill("the play did not end")
                 return
+
+    def _late(self, now: float) -> list[str]:
+        """The plays that should have ended by now. How crowded the host is is asked only when there may be some."""
+        over = {key: now - begun - self._expected(key) for key, begun in self._begun.items()}
+        if max(over.values(), default=0) <= self._pool._play_limit_s:
+            return []
+        grace = self._pool._play_limit_s * crowding()
+        return [key for key, seconds in over.items() if seconds > grace]
 
     def _expected(self, key: str) -> float:
         return self._plans[key].expected_ns / 1e9 * (0 if self._pool._virtual else 4)
