@@ -1,6 +1,6 @@
 """How fast: the real clock against its longest scenario, the virtual clock, and the judge.
 
-python benchmarks/speed.py [--backend NAME]...
+python benchmarks/speed.py [--backend NAME]... [--together]
 """
 
 from __future__ import annotations
@@ -26,30 +26,45 @@ from nros_conformance.trace.files import read_trace
 from nros_conformance.trace.records import Header, Trace
 
 
-def real(backends: Sequence[str], suites: Suites) -> None:
+def real(backends: Sequence[str], suites: Suites, *, together: bool) -> None:
     """Wall time of a whole run; of each row the plays that share a process, against the longest of them.
 
-    Those in processes of their own (a thousand cycles among them) and repeats of unclear ones go on beside and after.
+    Those in processes of their own (a thousand cycles among them) and repeats of unclear ones go on beside and after;
+    ``together`` leaves the former out, so that what is timed is how well those that wait do so together.
     """
     process = {one.key: one.scenario.needs.process for one in suites.scenarios}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        command = [sys.executable, "-m", "nros_conformance.cli.main", "run", "--profile", "publish"]
+        command = [sys.executable, "-m", "nros_conformance.cli.main", "run"]
+        if together:
+            standard = Selection("standard").choose(suites)
+            ids = dict.fromkeys(one.scenario.id for one in standard if process[one.key] == "shared")
+            command += [argument for id_ in ids for argument in ("--scenario", id_)]
+        else:
+            command += ["--profile", "publish"]
         command += [argument for backend in backends for argument in ("--backend", backend)]
-        begun, wall_begun = time.monotonic(), time.time()
+        begun = time.monotonic()
         subprocess.run([*command, "--results", str(folder)], capture_output=True, check=False)
         wall = time.monotonic() - begun
         reports = read_reports(folder)
         print(f"{len(reports)} rows: command {wall:.1f} s")
+        shared = {
+            report.row: [
+                (file.stat().st_mtime, attempt.seconds)
+                for result in report.results if process[result.key] == "shared"
+                for attempt in result.attempts if attempt.number == 1
+                for file in [folder / report.row / attempt.trace]
+            ]
+            for report in reports
+        }  # fmt: skip
+        first = min(end - seconds for plays in shared.values() for end, seconds in plays)
+        longest = max(seconds for plays in shared.values() for _, seconds in plays)
         for report in reports:
-            plays = [(result.key, attempt) for result in report.results for attempt in result.attempts]
-            shared = [attempt for key, attempt in plays if process[key] == "shared" and attempt.number == 1]
-            files = [(folder / report.row / attempt.trace).stat() for attempt in shared]
-            longest, end = max(one.seconds for one in shared), max(file.st_mtime for file in files) - wall_begun
+            plays, ends = shared[report.row], max(end for end, _ in shared[report.row]) - first
             print(
-                f"{report.row}: {len(plays)} plays in {report.seconds:.1f} s; {len(shared)} in a shared process, "
-                f"done {end:.1f} s after the command: {end / longest:.2f} x the longest ({longest:.1f} s), "
-                f"sum {sum(one.seconds for one in shared):.1f} s"
+                f"{report.row}: {len(plays)} plays in a shared process, done {ends:.1f} s after the first of all rows "
+                f"began: {ends / longest:.2f} x the longest ({longest:.1f} s); one after another they take "
+                f"{sum(seconds for _, seconds in plays):.0f} s"
             )
         judged([read_trace(folder / report.row / attempt.trace) for report in reports
                 for result in report.results for attempt in result.attempts])  # fmt: skip
@@ -87,10 +102,11 @@ def judged(traces: list[Trace], rounds: int = 20) -> None:
 def main() -> None:
     """Print all three."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--backend", action="append", help="cyclone and uorb without it")
+    parser.add_argument("--backend", action="append", help="all that are available without it")
+    parser.add_argument("--together", action="store_true", help="only what shares a process, of the standard profile")
     options = parser.parse_args()
     suites = load_suites()
-    real(options.backend or ["cyclone", "uorb"], suites)
+    real(options.backend or [], suites, together=options.together)
     virtual(suites)
 
 
