@@ -29,6 +29,10 @@ _NUMBER = struct.Struct("@Q")
 _SLEW = 1_000
 """A wall clock may be slewed by one part in a thousand (NTP: one in two thousand); what is more is a step."""
 
+_GAP_NS = MS // 5
+_TURN_ONS = 50
+"""Linux turns its stamps on a moment after the first socket of the host has asked for them."""
+
 _TRIES = 3
 _SHARP_NS = MS // 10
 """Between two looks at a clock it takes less than this, unless the thread has lost its core or the GIL."""
@@ -80,6 +84,7 @@ class KernelClock:
             self._socket.close()
             raise
         self._number = 0
+        self._await_stamps()
         self._process_ns, self._at_ns = _process_offset()
         self._ahead = self._compare()
         """By how much the kernel's clock is ahead of the process'; None: there are no stamps here."""
@@ -110,6 +115,22 @@ class KernelClock:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _await_stamps(self) -> None:
+        """Until arrivals are noted. What came before has the time of its reading, so that two have the same."""
+        for _ in range(_TURN_ONS):
+            stamps = []
+            for _ in range(2):
+                with contextlib.suppress(BlockingIOError):
+                    self._socket.send(_NUMBER.pack(0))
+                time.sleep(_GAP_NS / 1e9)
+            with contextlib.suppress(BlockingIOError):
+                for _ in range(2):
+                    stamps.append(stamp_of(self._socket.recvmsg(_NUMBER.size, ANCILLARY)[1]))
+            if None in stamps:
+                return  # there are none here
+            if len(stamps) == 2 and stamps[1] - stamps[0] >= _GAP_NS:  # type: ignore[operator]
+                return
 
     def _compare(self) -> _Bounds | None:
         best: _Bounds | None = None

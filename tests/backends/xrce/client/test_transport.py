@@ -45,6 +45,24 @@ def test_a_datagram_arrived_when_the_kernel_got_it_not_when_it_was_read(
 
 
 @linux
+def test_a_clock_waits_until_the_kernel_notes_arrivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Until the stamps are turned on a datagram has the time of its reading.
+    real, calls = stamps.stamp_of, list[int]()
+
+    def stamp_of(ancillary: list[tuple[int, int, bytes]]) -> int | None:
+        calls.append(len(calls))
+        return time.time_ns() if len(calls) <= 6 else real(ancillary)
+
+    monkeypatch.setattr(stamps, "stamp_of", stamp_of)
+    clock = stamps.KernelClock()
+    assert len(calls) >= 9, "two each that differ by the pause between them, and those that are compared"
+    offset_ns = clock.offset()
+    assert offset_ns is not None
+    assert abs(time.time_ns() - time.monotonic_ns() - offset_ns) < 5 * MS
+    clock.close()
+
+
+@linux
 @pytest.mark.parametrize("step_s", [3_600, -3_600, 0.01, -0.01])
 def test_the_wall_clock_of_the_process_is_of_no_account(
     agent: socket.socket, transport: Transport, monkeypatch: pytest.MonkeyPatch, step_s: float
