@@ -35,13 +35,14 @@ class Preloaded:
         self._reading = threading.Lock()
         self._code: int | None = None
         with tell:
-            server.fork(connection.fileno(), tell.fileno())
+            asked = server.fork(connection.fileno(), tell.fileno())
         if not self._told.poll(start_s):
-            server.stop()
+            server.give_up(asked)
             raise TimeoutError(f"the interpreter with libfaketime has not started within {start_s:g} s")
         try:
             self.pid: int = self._told.recv()
-        except EOFError as error:
+        except EOFError as error:  # its descriptors are closed some time before it counts as ended
+            server.give_up(asked)
             raise ChildProcessError("the interpreter with libfaketime has ended") from error
 
     def wait(self, timeout_s: float) -> int | None:
@@ -67,15 +68,23 @@ class Server:
         self._control: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
 
-    def fork(self, *descriptors: int) -> None:
-        """Ask for a process with these descriptors; closes none of them. Raises `NoFaketime`."""
+    def fork(self, *descriptors: int) -> subprocess.Popen[bytes]:
+        """Ask for a process with these descriptors; closes none of them. Returns whom it asked. Raises `NoFaketime`."""
         with self._lock:
             if self._process is None or self._process.poll() is not None:
                 self._end()
                 self._start()
             assert self._control is not None
+            assert self._process is not None
             with contextlib.suppress(OSError):  # it has ended, which the other ends of the descriptors tell
                 socket.send_fds(self._control, [b"fork"], descriptors)
+            return self._process
+
+    def give_up(self, asked: subprocess.Popen[bytes]) -> None:
+        """End the one that was ``asked``, unless another thread has and there is a new one by now."""
+        with self._lock:
+            if self._process is asked:
+                self._end()
 
     def stop(self) -> None:
         """End it, and all that was forked from it."""

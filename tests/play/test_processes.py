@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -187,13 +189,16 @@ def test_a_process_that_is_long_in_starting_is_no_backend_that_hangs(
 @needs_faketime
 @pytest.mark.usefixtures("server")
 @pytest.mark.parametrize(("script", "start_ms", "why"), [
-    ("exec sleep 60", 100, "has not started within 0.1 s"), ("exit 1", 60_000, "has ended"),
-])  # fmt: skip
+    ("sh\nexec sleep 60", 100, "has not started within 0.1 s"),
+    ("sh\nexit 1", 60_000, "has ended"),
+    # what the moment between an ending process' last closed descriptor and its end looks like
+    ("python3\nimport os, signal, sys\nos.close(int(sys.argv[-1]))\nsignal.pause()", 60_000, "has ended"),
+], ids=["too late", "ends", "ending"])  # fmt: skip
 def test_a_process_that_does_not_start_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, start_ms: int, why: str
 ) -> None:
     python = tmp_path / "python"
-    python.write_text(f"#!/bin/sh\n{script}\n")
+    python.write_text(f"#!/usr/bin/env {script}\n")
     python.chmod(0o755)
     step = {"fault": "clock_step", "of": "far", "by": "1h"}
     with monkeypatch.context() as broken:
@@ -202,6 +207,24 @@ def test_a_process_that_does_not_start_is_told_of(
         records = play(tmp_path, [{"drive": "1T"}, step])
     assert ended(records) == ("error", f"the process of session far: the interpreter with libfaketime {why}")
     assert ended(play(tmp_path, [{"drive": "1T"}, step])) == ("done", ""), "the next one is started anew"
+
+
+@needs_faketime
+def test_who_gives_up_late_does_not_end_the_new_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    idle = tmp_path / "python"
+    idle.write_text("#!/bin/sh\nexec sleep 60\n")
+    idle.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(idle))
+    server = preloaded.Server()
+    with contextlib.closing(socket.socket()) as some:
+        old = server.fork(some.fileno())
+        server.give_up(old)
+        new = server.fork(some.fileno())
+    server.give_up(old)
+    assert old.poll() == -signal.SIGKILL
+    assert new.poll() is None
+    server.stop()
+    assert new.poll() == -signal.SIGKILL
 
 
 def test_without_the_library_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
