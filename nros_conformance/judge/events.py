@@ -197,8 +197,8 @@ class _Periodic:
                 self.failure = self._hasty(seen, earliest - when.hi, "fail")
             return
         latest = self.since.hi + possible * self.period - self.index.early
-        if not self.doubt and maybe_between(when, self.since, self.until) and possible > 0 and when.lo < latest:
-            self.doubt = self._hasty(seen, latest - when.lo, "unclear")
+        if not self.doubt and maybe_between(when, self.since, self.until) and possible > 0 and seen.soonest < latest:
+            self.doubt = self._hasty(seen, latest - seen.soonest, "unclear")
 
     def _hasty(self, seen: Seen, by: int, outcome: str) -> Judged:
         got = f"{shown(self.index, seen)}, {miss(-by, perhaps=outcome == 'unclear')}"

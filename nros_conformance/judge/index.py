@@ -50,6 +50,11 @@ class Seen(NamedTuple):
     change: int
     event: Event
 
+    @property
+    def soonest(self) -> int:
+        """Not before then it was called; it may have been due since ``when.lo``."""
+        return min(self.when.lo + self.event.earlier, self.when.hi)
+
 
 class Index:
     """One trace of one scenario. ``whole``: the script was played to its end."""

@@ -45,7 +45,7 @@ class _Note:
                 registration=self._registration, kind=int(kind), entity=self._actor.name, session=driver.name,
                 context=str(context), process=os.getpid(), thread=thread, driver=driver.thread,
                 spin=driver.spins if inside else -1, inside_drive=inside, nested=driver.running > 0, t=t,
-                wait=driver.wait_in_spin() if inside else 0,
+                wait=driver.wait_in_spin() if inside else 0, earlier=driver.wait_at_callback if inside else 0,
                 status={name: int(value) for name, value in status._asdict().items()},
             )
         )  # fmt: skip

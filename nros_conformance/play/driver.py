@@ -119,6 +119,8 @@ class Driver:
         self._delay_at_spin = 0
         self._in_callbacks = 0
         """What callbacks took of the drive_io in progress, ns."""
+        self.wait_at_callback = 0
+        """`wait_in_spin` when the last callback of the drive_io in progress returned; 0 before the first."""
         self._in_calls = 0
         """All time in calls that callbacks made, ns."""
         self.task = self._start()
@@ -172,6 +174,7 @@ class Driver:
             if not self.running and self.clock.task_id() == self.thread:
                 took = self.clock.now_ns() - begin - (self._in_calls - calls)
                 self._in_callbacks += max(took - (self.clock.run_delay_ns() - delay), 0)
+                self.wait_at_callback = self.wait_in_spin()
 
     def drive(self, timeout_ms: int, cap: int | None = None, call: Callable[[], int] | None = None) -> int | None:
         """One drive_io (or ``call`` in its place), recorded; on this thread only.
@@ -181,7 +184,7 @@ class Driver:
         assert self.session is not None
         before = self.callbacks
         self.spins += 1
-        self._in_callbacks = 0
+        self._in_callbacks = self.wait_at_callback = 0
         self._delay_at_spin = self.clock.run_delay_ns()
         begin = self.clock.now_ns()
         self.inside = True

@@ -121,6 +121,9 @@ class Event(Record, frozen=True, kw_only=True, tag="event"):
     """Whether another callback of this session had not returned yet."""
     t: int
     wait: int = 0
+    earlier: int = 0
+    """How much of ``wait`` was over when the callback before it in the same drive_io had returned. It may have made
+    this one late; that this one was called before the wait, and so too early, it is no reason to suspect."""
     status: dict[str, int]
 
 

@@ -87,14 +87,15 @@ def spins(begin: float, end: float, every: float = 10, session: str = "sub") -> 
 
 
 def event(
-    kind: str | int, t: float, status: dict[str, int], *, wait: float = 0, entity: str = "listener",
-    session: str = "sub", registration: str = "", context: str = "", inside: bool = True, thread: int = 1,
+    kind: str | int, t: float, status: dict[str, int], *, wait: float = 0, earlier: float = 0,
+    entity: str = "listener", session: str = "sub", registration: str = "", context: str = "", inside: bool = True,
+    thread: int = 1,
 ) -> Event:  # fmt: skip
     number = int(KIND_BY_LABEL[kind]) if isinstance(kind, str) else kind
     return Event(
         registration=registration or f"{entity}/{EventKind(number).label}", kind=number, entity=entity, session=session,
         context=context, thread=thread, driver=1, spin=1 if inside else -1, inside_drive=inside, t=ms(t),
-        wait=round(wait * MS), status=status,
+        wait=round(wait * MS), earlier=round(earlier * MS), status=status,
     )  # fmt: skip
 
 

@@ -32,8 +32,8 @@ class Load:
 
 LOADS = {"idle": Load(0.01, 0.3), "busy": Load(0.15, 6.0), "overloaded": Load(0.4, 25.0)}
 
-Occurrence = tuple[float, Callable[[float, float], Event]]
-"""When it is ready, and the event from the time of its callback and its wait."""
+Occurrence = tuple[float, Callable[..., Event]]
+"""When it is ready, and the event from the time of its callback, ``wait`` and ``earlier``."""
 
 
 def drive(
@@ -54,10 +54,10 @@ def drive(
         wake = min(max(waiting[0][0], begin), begin + SLICE) if waiting else begin + SLICE
         waited = load.delay(dice)
         now = wake + waited
-        callbacks = 0
+        callbacks, earlier = 0, 0.0
         while waiting and waiting[0][0] <= now:
-            records.append(waiting.pop(0)[1](now, waited))
-            callbacks += 1
+            records.append(waiting.pop(0)[1](now, wait=waited, earlier=earlier))
+            callbacks, earlier = callbacks + 1, waited
             more = load.delay(dice)
             waited, now = waited + more, now + more + 0.01
         one = spin(begin, now, wait=waited, callbacks=callbacks, longest=now - begin)
@@ -147,8 +147,8 @@ def finish(expect: Any, ours: list[AnyRecord], calls: Sequence[Act | State], end
 
 
 def numbered(times: list[float], kind: str = RDM) -> list[Occurrence]:
-    def event(number: int) -> Callable[[float, float], Event]:
-        return lambda t, wait: counted(t, number, wait=wait, kind=kind)
+    def event(number: int) -> Callable[..., Event]:
+        return lambda t, **waits: counted(t, number, kind=kind, **waits)
 
     return [(at, event(number)) for number, at in enumerate(times, 1)]
 
@@ -204,7 +204,7 @@ def gone(dice: Random, load: Load, backend: Change) -> Trace:
         times = [came + 3 * T, went + 3 * T]
     steps = [(1, 1), (0, -1), (1, 1)]
     ready: list[Occurrence] = [
-        (at, lambda t, wait, count=count, change=change: alive(t, count, change, wait=wait))  # type: ignore[misc]
+        (at, lambda t, count=count, change=change, **waits: alive(t, count, change, **waits))
         for at, (count, change) in zip(times, steps, strict=False)
     ]
     expect = [

@@ -85,17 +85,18 @@ def _subscriber(dice: Dice, calls: int) -> list[tuple[float, AnyRecord]]:
         times = sorted(now + dice.grid(length) for _ in range(dice.choice((0, 0, 0, 1, 1, 2))))
         for t in times:
             own = min(dice.choice(WAITS), t - now)
+            waits: dict[str, Any] = {"wait": own, "earlier": dice.choice((0, own / 2))}
             what = dice.choice((RDM, RDM, "MessageLost", "LivelinessChanged", "reg"))
             if what == "LivelinessChanged":
                 change = 1 if present == 0 else dice.choice((-1, -1, 1, 0))
                 present += change
-                records.append((t, alive(t, present, change, wait=own)))
+                records.append((t, alive(t, present, change, **waits)))
             else:
                 kind = RDM if what == "reg" else what
                 change = dice.choice((1, 1, 1, 2, 0))
                 numbers[kind] += change
                 registration = "reg" if what == "reg" else ""
-                records.append((t, counted(t, numbers[kind], change, kind=kind, wait=own, registration=registration)))
+                records.append((t, counted(t, numbers[kind], change, kind=kind, registration=registration, **waits)))
         many = 1 if times else dice.choice((1, 1, 5))
         longest = max(length / many, GRID) if dice.random() < 0.5 else 0
         records.append((end, spin(now, end, wait=wait, calls=many, callbacks=len(times), longest=longest)))
@@ -178,7 +179,9 @@ def narrowed(wide: Trace, seed: int) -> Trace:
         if isinstance(one, Event):
             # An effect stays behind its cause.
             lo, hi = within(max([one.t - one.wait, *(t for t in began if t <= one.t)]), one.t)
-            return replace(one, t=hi, wait=hi - lo)
+            soonest = one.t - one.wait + one.earlier
+            hi = max(hi, soonest)
+            return replace(one, t=hi, wait=hi - lo, earlier=max(0, soonest - lo))
         if isinstance(one, Spin):
             lo, hi = within(one.sure, one.end)
             return replace(one, sure=lo, end=hi)
@@ -197,7 +200,7 @@ def stretched(one: Trace, factor: int) -> Trace:
         return START + (t - START) * factor
 
     fields: dict[str, Callable[[int], int]] = dict.fromkeys(("begin", "end", "sure", "t", "due"), moment)
-    fields |= dict.fromkeys(("wait", "gap", "longest"), lambda ns: ns * factor)
+    fields |= dict.fromkeys(("wait", "earlier", "gap", "longest"), lambda ns: ns * factor)
 
     def slower(record: AnyRecord) -> AnyRecord:
         present = {name: change(getattr(record, name)) for name, change in fields.items() if hasattr(record, name)}

@@ -169,6 +169,17 @@ def test_early(events: list[Any], outcome: str, got: str, nearest: float) -> Non
     assert found.nearest_ns == round(nearest * 1e6)
 
 
+def test_what_was_waited_before_another_callback_of_the_call_may_make_late_but_not_early() -> None:
+    def judged(earlier: float) -> str:
+        second = counted(196, 2, wait=12, earlier=earlier)
+        return finding(EVERY, ONE, counted(110, 1, wait=11), second, counted(295, 3), spins(310, 350), REST).outcome
+
+    assert judged(0) == "unclear"
+    assert judged(10.5) == "unclear"
+    assert judged(11) == "pass"
+    assert finding(EVERY, ONE, spins(0, 140), counted(145, 1, wait=20, earlier=20), REST).outcome == "unclear"
+
+
 def test_up_to_early_before_its_time_is_allowed() -> None:
     found = finding(EVERY, ONE, counted(95, 1), counted(195, 2), counted(295, 3), spins(310, 350), REST)
     assert found.outcome == "pass"

@@ -36,6 +36,25 @@ def test_a_callback_is_no_time_of_the_backends_but_for_the_calls_that_it_makes()
     assert [one.end - one.begin for one in records if isinstance(one, Act)] == [5 * MS, 5 * MS]
 
 
+def test_what_was_waited_when_the_callback_before_returned_is_known() -> None:
+    clock, seen = VirtualClock(), list[int]()
+    driver = Driver("sub", clock, lambda record: None, lambda outcome, detail: None)
+
+    class Drives:
+        def drive_io(self, timeout_ms: int) -> int:
+            for ms in (30, 20):
+                seen.append(driver.wait_at_callback // MS)
+                with driver.callback(), driver.callback():
+                    clock.wait(None, clock.now_ns() + ms * MS)
+            seen.append(driver.wait_at_callback // MS)
+            return 0
+
+    driver.thread, driver.session = clock.task_id(), cast(Session, Drives())
+    driver.drive(0)
+    driver.drive(0)
+    assert seen == [0, 30, 50] * 2
+
+
 def test_a_drive_of_the_script_lasts_as_long_as_the_call() -> None:
     clock = VirtualClock()
 
