@@ -6,8 +6,10 @@ graph, and wakes `drive_io`, which works the queue off.
 
 from __future__ import annotations
 
+import atexit
 import collections
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
@@ -78,6 +80,7 @@ class ZenohSession(Session):
         except BaseException:
             network.leave(self)
             raise
+        _living.add(self)
 
     def _introduce(self) -> None:
         self._listener = self.zenoh.info.declare_transport_events_listener(_callback(self._on_transport), history=True)
@@ -351,6 +354,16 @@ class ZenohSession(Session):
         """On the thread that watches over leases."""
         now = self.clock.now_ns()
         return min((publisher.expire(now) for publisher in self.publishers()), default=NEVER)
+
+
+_living: weakref.WeakSet[ZenohSession] = weakref.WeakSet()
+
+
+@atexit.register
+def _end() -> None:
+    """Else zenoh 1.10.2 calls its listeners also when Python is no more, which ends the process with SIGSEGV."""
+    for session in tuple(_living):
+        session.destroy()
 
 
 class _Translated:

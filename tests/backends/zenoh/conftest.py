@@ -29,7 +29,7 @@ if importlib.util.find_spec("zenoh") is None or importlib.util.find_spec("xxhash
     collect_ignore_glob = ["test_*.py"]  # the extra nros-conformance[zenoh] is not installed
 
 TYPE = "std_msgs/msg/String"
-LONG = 5_000 * MS
+LONG = 30_000 * MS
 """Nothing here takes that long; a test that waits so long has failed."""
 
 _numbers = itertools.count(os.getpid() * 64)

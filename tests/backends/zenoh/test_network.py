@@ -18,6 +18,7 @@ from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode, RmwError
 from nros_conformance.rmw.events import EventKind
 from nros_conformance.rmw.qos import Liveliness
+from tests.ports import leased_ports
 
 LEASE_MS = 500
 
@@ -352,19 +353,24 @@ def test_a_router_serves_the_next_play_when_it_was_left_untouched(make_stage: Ca
     assert process not in fourth.processes()
 
 
+def run(code: str) -> subprocess.CompletedProcess[str]:
+    """An interpreter of its own; its arguments: the bounds of the ports of this test process."""
+    ports = leased_ports()
+    command = [sys.executable, "-c", textwrap.dedent(code), str(ports.start), str(ports.stop)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+
+
 def test_a_router_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
     code = """
         import os
+        import sys
         from nros_backends.zenoh.environment import OwnRouter
-        router = OwnRouter(range(0), 0)
+        router = OwnRouter(range(*map(int, sys.argv[1:])), 0)
         router.start()
         print(router.endpoint().rpartition(":")[2], flush=True)
         os._exit(1)
     """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=30, check=False
-    )
-    address = ("127.0.0.1", int(done.stdout))
+    address = ("127.0.0.1", int(run(code).stdout))
     limit = time.monotonic() + 5
     while True:
         try:
@@ -380,21 +386,21 @@ def test_a_router_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
 
 def test_an_interpreter_that_closes_nothing_exits_all_the_same() -> None:
     code = """
+        import sys
         from nros_backends.zenoh import ZenohBackend
         from nros_conformance.rmw.backend import Host, SessionOptions
         from nros_conformance.rmw.clock import MonotonicClock
         from nros_conformance.rmw.qos import Liveliness, QosProfile
 
+        ports = range(*map(int, sys.argv[1:]))
         for variant in ("peer", "router"):
-            backend = ZenohBackend(Host(MonotonicClock(), variant, faults=frozenset({"lose"})))
+            backend = ZenohBackend(Host(MonotonicClock(), variant, faults=frozenset({"lose"}), ports=ports))
             session = backend.create_session(SessionOptions())
             publisher = session.create_publisher("t", "a/msg/B", QosProfile(liveliness=Liveliness(2), lease_ms=100))
             session.create_subscription("t", "a/msg/B", QosProfile())
             publisher.publish_raw(b"last")
     """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=30, check=False
-    )
+    done = run(code)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
