@@ -75,11 +75,16 @@ def test_what_was_waited_for_just_before_the_end_is_told(monkeypatch: pytest.Mon
 
 def test_sleeping_is_no_waiting() -> None:
     watch = Watch()
-    sleeper = threading.Thread(target=time.sleep, args=(0.05,))
-    sleeper.start()
-    watch.look()
-    sleeper.join()
-    assert watch.look() < 50 * MS
+
+    def waited() -> int:
+        sleeper = threading.Thread(target=time.sleep, args=(0.05,))
+        sleeper.start()
+        watch.look()
+        sleeper.join()
+        return watch.look()
+
+    # A busy host has a thread wait for a core afterwards, but not each time for so long.
+    assert any(waited() < 50 * MS for _ in range(10))
 
 
 def test_a_millisecond_is_not_worth_a_word(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,9 +105,14 @@ def test_an_exception_of_the_first_task_comes_out_of_run() -> None:
 
 def test_run_delay_counts_waiting_for_a_core_and_not_sleeping() -> None:
     clock = MonotonicClock()
-    before = clock.run_delay_ns()
-    time.sleep(0.02)
-    assert 0 <= clock.run_delay_ns() - before < 20 * MS
+
+    def waited() -> int:
+        before = clock.run_delay_ns()
+        time.sleep(0.02)
+        return clock.run_delay_ns() - before
+
+    # A busy host has it wait for a core afterwards, but not each time for so long.
+    assert 0 <= min(waited() for _ in range(20)) < 20 * MS
 
 
 def test_tasks_of_the_real_clock_are_threads_of_their_own() -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from nros_backends.cyclone.subscription import CycloneSubscription
 
 TYPE = "std_msgs/msg/String"
-LONG = 5_000 * MS
+LONG = 30_000 * MS
 """Nothing here takes that long; a test that waits so long has failed."""
 
 _numbers = itertools.count(os.getpid() * 64)

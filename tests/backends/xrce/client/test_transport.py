@@ -44,6 +44,13 @@ def test_a_datagram_arrived_when_the_kernel_got_it_not_when_it_was_read(
     assert transport.known_ns > arrived.at_ns
 
 
+def assert_right(offset_ns: int | None) -> None:
+    """That the wall clock is so far ahead of the monotonic one."""
+    before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+    assert offset_ns is not None
+    assert wall - after - 5 * MS < offset_ns < wall - before + 5 * MS
+
+
 @linux
 def test_a_clock_waits_until_the_kernel_notes_arrivals(monkeypatch: pytest.MonkeyPatch) -> None:
     # Until the stamps are turned on a datagram has the time of its reading.
@@ -56,9 +63,7 @@ def test_a_clock_waits_until_the_kernel_notes_arrivals(monkeypatch: pytest.Monke
     monkeypatch.setattr(stamps, "stamp_of", stamp_of)
     clock = stamps.KernelClock()
     assert len(calls) >= 9, "two each that differ by the pause between them, and those that are compared"
-    offset_ns = clock.offset()
-    assert offset_ns is not None
-    assert abs(time.time_ns() - time.monotonic_ns() - offset_ns) < 5 * MS
+    assert_right(clock.offset())
     clock.close()
 
 
@@ -118,8 +123,7 @@ def test_a_comparison_that_was_disturbed_is_made_again() -> None:
     clock._ahead = clock._ahead._replace(low=low - 20 * MS, high=high + 20 * MS)
     offset = clock.offset()
     clock.close()
-    assert offset is not None
-    assert abs(offset - (time.time_ns() - time.monotonic_ns())) < 2 * MS
+    assert_right(offset)
 
 
 def test_a_socket_that_cannot_have_a_clock_beside_it_is_closed(
