@@ -30,8 +30,10 @@ _SLEW = 1_000
 """A wall clock may be slewed by one part in a thousand (NTP: one in two thousand); what is more is a step."""
 
 _GAP_NS = MS // 5
+"""Between two datagrams that are to have stamps of their own."""
+
 _TURN_ONS = 50
-"""Linux turns its stamps on a moment after the first socket of the host has asked for them."""
+"""Linux turns its stamps on a moment after the first socket of the host has asked for them; how often to look."""
 
 _TRIES = 3
 _SHARP_NS = MS // 10
@@ -119,18 +121,13 @@ class KernelClock:
     def _await_stamps(self) -> None:
         """Until arrivals are noted. What came before has the time of its reading, so that two have the same."""
         for _ in range(_TURN_ONS):
-            stamps = []
-            for _ in range(2):
-                with contextlib.suppress(BlockingIOError):
-                    self._socket.send(_NUMBER.pack(0))
+            with contextlib.suppress(BlockingIOError):  # one of them is not here yet
+                self._socket.send(_NUMBER.pack(0))
                 time.sleep(_GAP_NS / 1e9)
-            with contextlib.suppress(BlockingIOError):
-                for _ in range(2):
-                    stamps.append(stamp_of(self._socket.recvmsg(_NUMBER.size, ANCILLARY)[1]))
-            if None in stamps:
-                return  # there are none here
-            if len(stamps) == 2 and stamps[1] - stamps[0] >= _GAP_NS:  # type: ignore[operator]
-                return
+                self._socket.send(_NUMBER.pack(0))
+                first, second = (stamp_of(self._socket.recvmsg(_NUMBER.size, ANCILLARY)[1]) for _ in range(2))
+                if first is None or second is None or second - first >= _GAP_NS:
+                    return
 
     def _compare(self) -> _Bounds | None:
         best: _Bounds | None = None
