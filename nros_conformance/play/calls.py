@@ -66,7 +66,7 @@ class Calls:
                 args = {"timeout_ms": timeout, "attempts": step.attempts}
                 return [Call(driver, "", "ping", args, lambda: int(_session(driver).ping(timeout, step.attempts)))]
             case schema.Destroy(of=name) if name in stage.drivers:
-                return [Call(stage.drivers[name], "", "destroy", {}, lambda: stage.destroy(name))]
+                return [Call(stage.drivers[name], "", "destroy", {}, lambda: stage.lives.destroy(name))]
         name = step.entity if isinstance(step, schema.Create) else _subject(step)
         calls = []
         for actor in stage.members(name):
@@ -110,9 +110,9 @@ class Calls:
                 return self._register(step, label, actor)
             case schema.Create():
                 stale = step.stale
-                return "create", args, lambda: stage.create(actor, stale=stale)
+                return "create", args, lambda: stage.lives.create(actor, stale=stale)
             case schema.Destroy():
-                return "destroy", args, lambda: stage.destroy(actor.name)
+                return "destroy", args, lambda: stage.lives.destroy(actor.name)
         raise StopPlay("error", f"no way to play {type(step).__name__}")
 
     def _register(
@@ -120,10 +120,10 @@ class Calls:
     ) -> tuple[str, dict[str, Any], Callable[[], Any]]:
         kind = _kind(step.kind)
         if step.deadline is None:
-            deadline = self._stage.registration_deadline_ms(actor)
+            deadline = self._stage.lives.registration_deadline_ms(actor)
         else:
             deadline = INFINITE_MS if step.deadline.is_infinite else step.deadline.ns(self._stage.quantities) // MS
-        callback = None if step.callback == "none" else self._stage.callback(actor, label)
+        callback = None if step.callback == "none" else self._stage.lives.callback(actor, label)
         context = _Context(step.context or label)
         self._held.setdefault(label, []).extend(weakref.ref(one) for one in (callback, context) if one is not None)
         args = {"kind": kind, "deadline_ms": deadline, "callback": step.callback, "context": str(context)}

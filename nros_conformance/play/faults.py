@@ -100,7 +100,7 @@ class Injector:
             else:
                 code = int(stage.backend.inject(step.fault, session=driver.session, **by))
                 stage.refused(step.fault, code)
-                stage.struck(step.fault, driver)
+                stage.lives.struck(step.fault, driver)
             stage.record(
                 FaultRecord(
                     label=label, fault=step.fault, of=driver.name, begin=begun, end=stage.clock.now_ns(),

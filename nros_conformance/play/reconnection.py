@@ -39,10 +39,10 @@ class Kept:
 
     def create(self) -> None:
         """The session, then its entities; those that the script creates only once it has created them."""
-        code = self._stage.connect(self._driver)
+        code = self._stage.lives.connect(self._driver)
         for actor in self._stage.actors.values():
             if code == 0 and actor.driver is self._driver and (not actor.spec.deferred or actor.handle is not None):
-                code = self._stage.create(actor)
+                code = self._stage.lives.create(actor)
         _check(code, "the session or one of its entities was refused")
 
     def spin(self, timeout_ms: int) -> int:
@@ -56,7 +56,7 @@ class Kept:
         """The session, if there is one; the machine goes on without it."""
         if self._driver.session is None:
             return
-        code = self._stage.destroy(self._driver.name)
+        code = self._stage.lives.destroy(self._driver.name)
         self._driver.session, self._driver.background = None, True
         _check(code, "destroying the session")
 

@@ -83,11 +83,11 @@ class Host:
 
         match order.what:
             case "connect":
-                internal(lambda: stage.connect(driver))
+                internal(lambda: stage.lives.connect(driver))
             case "create":
-                internal(lambda: stage.create(stage.actors[order.entity]))
+                internal(lambda: stage.lives.create(stage.actors[order.entity]))
             case "destroy":
-                internal(lambda: stage.destroy(self._session))
+                internal(lambda: stage.lives.destroy(self._session))
             case "matched":
                 internal(lambda: stage.backend.matched(stage.actors[order.entity].created()))
             case "pause":

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nros_conformance.node.executor import Executor
-from nros_conformance.play.actors import Actor, qos_profile
-from nros_conformance.play.callbacks import StatusCallback
+from nros_conformance.play.actors import Actor
 from nros_conformance.play.driver import Command, Driver, StopPlay
 from nros_conformance.play.forked import ForkedModule
+from nros_conformance.play.lives import Lives
 from nros_conformance.play.messages import Messages
 from nros_conformance.play.orders import Cast
 from nros_conformance.play.peer import Peer
@@ -22,12 +22,11 @@ from nros_conformance.play.starvation import wait_patiently
 from nros_conformance.rmw.backend import Backend, Environment, Host, SessionOptions
 from nros_conformance.rmw.child import launch
 from nros_conformance.rmw.clock import MS, Clock
-from nros_conformance.rmw.codes import ReturnCode, RmwError, code_name
-from nros_conformance.rmw.events import KIND_BY_LABEL, EventCallback, EventKind, Side
+from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite import schema
-from nros_conformance.suite.kinds import faults_needed, registered_kinds
+from nros_conformance.suite.kinds import faults_needed
 from nros_conformance.suite.walk import members, session_of, step_labels, steps
-from nros_conformance.trace.records import AnyRecord, Registered, State
+from nros_conformance.trace.records import AnyRecord
 
 _PATIENCE = 5
 """How much longer a call may take, in limits, while the host gives its threads no core."""
@@ -92,8 +91,7 @@ class Stage:
         self.messages = Messages(self)
         self.react: Callable[[Actor, int, str], None] = lambda actor, kind, registration: None
         """Told of each status callback while it runs: whose, of which kind and registration."""
-        self._closed = {only} - {""}
-        self._spun_sessions = {step.session for _, step in steps(scenario) if isinstance(step, schema.Spin)}
+        self.lives = Lives(self, only)
         try:
             if scenario.peer == "present":
                 self.peer.start()
@@ -211,28 +209,29 @@ class Stage:
         self.finish([command])
         return command
 
-    # Creating and destroying.
+    # Beginning and ending.
 
     def open(self) -> None:
         """Start the sessions' threads, create the sessions, then the entities that are not deferred, in order."""
         for name, driver in self.drivers.items():
-            if self._spec(name).reconnector:
+            if self.spec_of(name).reconnector:
                 self.kept[name] = Kept(self, driver)
                 self.prepare(driver)
                 driver.resume()
             elif self.scenario.peer == "present":
-                self.perform(driver, "connect", lambda driver=driver: self.connect(driver))  # type: ignore[misc]
+                self.perform(driver, "connect", lambda driver=driver: self.lives.connect(driver))  # type: ignore[misc]
                 self.prepare(driver)
         for actor in self.actors.values():
             if not actor.spec.deferred and actor.driver.connected:
-                self.perform(actor.driver, "create", lambda actor=actor: self.create(actor), actor.name)  # type: ignore[misc]
+                self.perform(actor.driver, "create", lambda actor=actor: self.lives.create(actor), actor.name)  # type: ignore[misc]
 
-    def _spec(self, session: str) -> schema.Session:
+    def spec_of(self, session: str) -> schema.Session:
+        """What the scenario says of a session; it need not."""
         return self.scenario.sessions.get(session, schema.Session())
 
     def options(self, session: str) -> SessionOptions:
         """The arguments of ``create_session``, or of a ping without one."""
-        spec = self._spec(session)
+        spec = self.spec_of(session)
         return SessionOptions(
             node_name=spec.node or session or "node",
             locator=self.locator,
@@ -247,105 +246,14 @@ class Stage:
 
     def prepare(self, driver: Driver) -> None:
         """Set how a session that has been connected is driven."""
-        spec = self._spec(driver.name)
+        spec = self.spec_of(driver.name)
         driver.slice_ms = max(1, spec.slice.ns(self.quantities) // MS)
         driver.background = spec.reconnector or (driver.connected and spec.driven)
-
-    def connect(self, driver: Driver) -> int:
-        """Create a session; on its thread. The return code."""
-        name = driver.name
-        spec = self._spec(name)
-        self._closed.discard(name)
-        driver.session = None
-        begin = self.clock.now_ns()
-        code, detail = 0, ""
-        try:
-            driver.session = self.backend.create_session(self.options(name))
-            if name in self._spun_sessions:
-                self.executors[name] = Executor(driver.session)
-        except RmwError as error:
-            code, detail = int(error.code), error.detail
-        what = "created" if code == 0 else "refused"
-        end = self.clock.now_ns()
-        driver.keep(State(entity="", session=name, what=what, code=code, detail=detail, begin=begin, end=end))
-        if code and not spec.may_fail and not spec.reconnector:
-            self.fail("raised", f"create_session answered {code_name(code)}: {detail}")
-        self.prepare(driver)
-        return code
-
-    def create(self, actor: Actor, *, stale: bool = False) -> int:
-        """Create an entity and register its events; on its session's thread. The return code.
-
-        If its session has been destroyed, or does not exist yet, that is created before, unless the stale one is
-        wanted.
-        """
-        if not stale and (actor.driver.name in self._closed or actor.driver.session is None):
-            code = self.connect(actor.driver)
-            if code:
-                return code
-        session = actor.driver.session
-        assert session is not None
-        topic = self.topic_of(actor)
-        type_name = f"nros_conformance_msgs/msg/{actor.spec.type}"
-        begin = self.clock.now_ns()
-        code, detail = 0, ""
-        try:
-            qos = qos_profile(actor.spec.qos, self.quantities)
-            maker = session.create_publisher if actor.side is Side.PUBLISHER else session.create_subscription
-            actor.handle = maker(topic, type_name, qos)
-            actor.gone = False
-        except RmwError as error:
-            code, detail = int(error.code), error.detail
-        what = "created" if code == 0 else "refused"
-        actor.driver.keep(
-            State(
-                entity=actor.name, session=actor.driver.name, what=what, code=code, detail=detail,
-                begin=begin, end=self.clock.now_ns(),
-            )
-        )  # fmt: skip
-        if code and not actor.spec.may_fail and actor.driver.name not in self.kept:
-            self.fail("raised", f"creating {actor.name} answered {code_name(code)}: {detail}")
-        if code == 0:
-            self._register_all(actor)
-            self.messages.watch(actor)
-        return code
-
-    def destroy(self, name: str) -> int:
-        """Destroy an entity, or the session of this name; on its session's thread."""
-        begin = self.clock.now_ns()
-        if name in self.drivers:
-            driver, entity = self.drivers[name], ""
-            driver.background = False
-            code = int(driver.session.destroy()) if driver.session is not None else 0
-            self._closed.add(name)
-            for actor in self.actors.values():
-                actor.gone |= actor.driver is driver
-        else:
-            actor = self.actors[name]
-            driver, entity = actor.driver, name
-            code = int(actor.created().destroy())
-            actor.gone |= code == 0
-        end = self.clock.now_ns()
-        driver.flush()
-        driver.keep(State(entity=entity, session=driver.name, what="destroyed", code=code, begin=begin, end=end))
-        return code
 
     def refused(self, fault: str, code: int) -> None:
         """End the play when the adapter did not inject a fault: what follows would prove nothing."""
         if code == ReturnCode.UNSUPPORTED:
             self.fail("raised", f"inject({fault}) answered UNSUPPORTED, though backend.toml declares the fault")
-
-    def struck(self, fault: str, driver: Driver) -> None:
-        """A simulated process was hit: it is driven no more, or again."""
-        if fault == "thaw":
-            driver.background = self.scenario.sessions.get(driver.name, schema.Session()).driven
-        elif fault in ("crash", "freeze"):
-            driver.background = False
-        if fault == "crash":
-            driver.session = None
-            self._closed.add(driver.name)
-            for actor in self.actors.values():
-                actor.gone |= actor.driver is driver
 
     def close(self) -> None:
         """Destroy all sessions and end their threads, then stop the peer."""
@@ -354,49 +262,12 @@ class Stage:
             self.perform(driver, "pause", driver.pause)
         for name, driver in self.drivers.items():
             if driver.connected and not (isinstance(driver, RemoteDriver) and driver.process.frozen):
-                self.perform(driver, "destroy", lambda name=name: self.destroy(name))  # type: ignore[misc]
+                self.perform(driver, "destroy", lambda name=name: self.lives.destroy(name))  # type: ignore[misc]
         for driver in (*self.drivers.values(), self.lobby):
             driver.stop()
             self.clock.wait(driver.task.done, self.clock.now_ns() + self.hang_ns)
         self.peer.close(self.folder, clean=True)
         self.backend.close()
-
-    # Events.
-
-    def registration_deadline_ms(self, actor: Actor) -> int:
-        """``deadline_ms`` for the deadline kinds: as the scenario says, else the QoS', else 1T."""
-        if actor.spec.registration_deadline is not None:
-            return actor.spec.registration_deadline.ns(self.quantities) // MS
-        deadline = actor.spec.qos.deadline
-        if deadline is not None and not deadline.is_infinite and deadline.ns(self.quantities):
-            return deadline.ns(self.quantities) // MS
-        return self.quantities["T"] // MS
-
-    def _register_all(self, actor: Actor) -> None:
-        wanted = actor.spec.register
-        if wanted == "none":
-            return
-        side = [kind for kind in EventKind if kind.side is actor.side]
-        names = registered_kinds(self.scenario, actor.name) if wanted == "expected" else wanted
-        handle = actor.created()
-        for kind in side if wanted == "supported" else [KIND_BY_LABEL[name] for name in names]:
-            begin = self.clock.now_ns()
-            supports = handle.supports_event(int(kind))
-            if wanted == "supported" and not supports:
-                continue
-            label = f"{actor.name}/{kind.label}"
-            deadline = self.registration_deadline_ms(actor) if kind.is_deadline else 0
-            code = handle.register_event(int(kind), deadline, self.callback(actor, label), label)
-            actor.driver.keep(
-                Registered(
-                    registration=label, entity=actor.name, session=actor.driver.name, kind=int(kind),
-                    supports=bool(supports), code=int(code), begin=begin, end=self.clock.now_ns(),
-                )
-            )  # fmt: skip
-
-    def callback(self, actor: Actor, registration: str) -> EventCallback:
-        """A callback to register."""
-        return StatusCallback(self, actor, registration)
 
 
 def sessions_apart(scenario: schema.Scenario) -> set[str]:
