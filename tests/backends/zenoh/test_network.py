@@ -404,6 +404,32 @@ def test_an_interpreter_that_closes_nothing_exits_all_the_same() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="__cxa_atexit of glibc")
+def test_no_callback_of_zenoh_comes_when_python_is_no_more(make_stage: Callable[..., Any]) -> None:
+    router = make_stage("router").backend.environment()
+    router.start()
+    code = """
+        import ctypes, sys
+        from nros_backends.zenoh import ZenohBackend
+        from nros_conformance.rmw.backend import Host, SessionOptions
+        from nros_conformance.rmw.clock import MonotonicClock
+
+        session = ZenohBackend(Host(MonotonicClock(), "router")).create_session(SessionOptions(locator=sys.argv[1]))
+        libc = ctypes.CDLL(None)
+        libc.__cxa_atexit(libc.getchar, None, None)  # after Python has ended, until standard input does
+        print("open", flush=True)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(code), router.endpoint()]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "open\n"
+        time.sleep(0.5)
+        router.stop(kill=True)
+        time.sleep(0.2)
+        child.communicate(timeout=30)
+    assert child.returncode == 0
+
+
 def test_sessions_leave_neither_threads_nor_descriptors(make_stage: Callable[..., Any]) -> None:
     stage = make_stage("peer", "lose")
     subscription = stage.subscription(stage.open())
