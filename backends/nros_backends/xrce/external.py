@@ -7,7 +7,6 @@ itself. It ends when standard input does: with the process that started it at th
 from __future__ import annotations
 
 import json
-import os
 import sys
 
 from nros_backends.xrce.agent.core import EntityInfo
@@ -53,9 +52,9 @@ def main() -> int:
     except OSError as error:
         _say(f"port {port}: {error.strerror or error}")
         return 1
-    with server:
+    with server, open(0, "rb", closefd=False) as asked:
         _say(f"{SAYS}{server.address[0]}:{server.address[1]}")
-        while os.read(0, 4_096):
+        for _ in asked:
             _say(json.dumps({"entities": endpoints(server.entities()), "counts": pings.counts}))
     return 0
 

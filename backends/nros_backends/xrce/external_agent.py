@@ -33,6 +33,8 @@ class _Process:
         self.port = port
         self._child = launch("nros_backends.xrce.external", [str(port)], None)
         self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._owed = 0
+        """How many answers are still to come, of which only the last is wanted."""
         self._lines: list[str] = []
         self._before: Mapping[str, int] = {}
         """What it had counted for former plays."""
@@ -58,12 +60,17 @@ class _Process:
             return False
 
     def ask(self) -> dict[str, Any] | None:
-        """What it says about itself; None when it is gone."""
+        """What it says about itself; None when it is gone, or silent for 5 s."""
         assert self._child.stdin is not None
         try:
             self._child.stdin.write(ASK)
             self._child.stdin.flush()
-            answer: dict[str, Any] = json.loads(self._answers.get(timeout=_ANSWER_S))
+            self._owed += 1
+            line = b""
+            while self._owed:
+                line = self._answers.get(timeout=_ANSWER_S)
+                self._owed -= 1
+            answer: dict[str, Any] = json.loads(line)
         except (OSError, queue.Empty, ValueError):
             return None
         self.latest = {what: count - self._before.get(what, 0) for what, count in answer["counts"].items()}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nros_backends.xrce import environment
+from nros_backends.xrce import environment, external_agent
 from nros_backends.xrce.agent.server import AgentServer
 from nros_backends.xrce.backend import XrceBackend
 from nros_backends.xrce.session import XrceSession
@@ -202,6 +202,21 @@ def test_an_agent_beside_serves_the_next_play_when_it_was_left_untouched() -> No
     assert process not in fourth.agent.processes()
     for bench in (second, third, touched, fourth):
         bench.backend.close()
+
+
+def test_what_an_agent_says_too_late_is_not_its_next_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(variant="external")
+    session = bench.session()
+    (process,) = bench.agent.processes()
+    with monkeypatch.context() as impatient:
+        impatient.setattr(external_agent, "_ANSWER_S", 0.05)
+        os.kill(process, signal.SIGSTOP)
+        assert bench.agent.entities() == []
+        assert bench.agent.entities() == []
+        os.kill(process, signal.SIGCONT)
+    publisher(session)
+    assert bench.agent.entities() != []
+    bench.backend.close()
 
 
 def test_hard_liveliness_removes_who_is_silent_and_nobody_who_drives(either: Bench) -> None:
