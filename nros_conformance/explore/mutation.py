@@ -38,14 +38,10 @@ class _Endless(BaseException):
     """A play that took too long; no backend catches it by accident."""
 
 
-def _collecting(frame: FrameType | None) -> bool:
-    """Whether this is within a callback of the garbage collector (Hypothesis has one).
-
-    What is raised there goes to `sys.unraisablehook` and no further.
-    """
-    callbacks = [getattr(one, "__code__", None) for one in gc.callbacks]
+def _within(frame: FrameType | None, callbacks: Sequence[object]) -> bool:
+    codes = [getattr(one, "__code__", None) for one in callbacks]
     while frame is not None:
-        if frame.f_code in callbacks:
+        if frame.f_code in codes:
             return True
         frame = frame.f_back
     return False
@@ -53,9 +49,14 @@ def _collecting(frame: FrameType | None) -> bool:
 
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
+    collecting = list(gc.callbacks)
+
     def stop(_signal: int, frame: FrameType | None) -> None:
-        if not _collecting(frame):
+        if not _within(frame, collecting):
             raise _Endless
+        # What a callback of the garbage collector raises goes to `sys.unraisablehook` and no further (Hypothesis has
+        # one). Without them the next signal, or the one after it, is heard elsewhere.
+        gc.callbacks.clear()
 
     former = signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_REAL, seconds, 0.01)
@@ -64,6 +65,7 @@ def _limited(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, former)
+        gc.callbacks[:] = collecting
 
 
 def play_defective(one: Loaded, row: Row, suites: Suites, adapter: type[Backend]) -> Trace:
