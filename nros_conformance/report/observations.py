@@ -19,8 +19,8 @@ def observe(trace: Trace, *, pings: bool = True) -> list[Observation]:
     """The answers of register, supports, create, destroy and ping, in order of `tally`.
 
     Automatic registrations at creation count. A call that raised, or was not answered with a code, is
-    no observation, nor is a ping that had no time to be answered in. ``pings``: False where the host did not
-    do its part, so that a TIMEOUT may be its own.
+    no observation, nor is a ping that had no time to be answered in, or by which an ``until`` step asks again and
+    again. ``pings``: False where the host did not do its part, so that a TIMEOUT may be its own.
     """
     entities = _entities(trace.header.scenario)
     gone: set[str] = set()
@@ -58,7 +58,7 @@ def observe(trace: Trace, *, pings: bool = True) -> list[Observation]:
                 destroyed = record.entity in gone or record.session in gone
                 case = "destroyed" if destroyed else _case(record, side, kind, entities)
                 seen.append(Observation(call=record.op, side=side, kind=kind, case=case, code=int(record.result)))
-            elif record.op == "ping" and pings and record.args.get("timeout_ms") != 0:
+            elif record.op == "ping" and pings and _once(record):
                 silent = any(of in ("", record.session) for _, of in silencing)
                 if silent or record.session not in forgotten:
                     case = "silent" if silent else "reachable"
@@ -111,6 +111,11 @@ def _kind(kind: Any) -> int | None:
 
 def _right(side: str, kind: int) -> bool:
     return kind in tuple(EventKind) and EventKind(kind).side.value == side
+
+
+def _once(ping: Act) -> bool:
+    """Whether it was asked for its answer, and had time to be answered in."""
+    return ping.args.get("timeout_ms") != 0 and not ping.label.endswith("/ping")
 
 
 def _case(act: Act, side: str, kind: int, entities: Mapping[str, Mapping[str, Any]]) -> Case:

@@ -54,7 +54,8 @@ class Act(Record, frozen=True, kw_only=True, tag="act"):
     """A call that the script made. It took effect somewhere in [begin, end]."""
 
     label: str
-    """The step's label; steps without one are ``#3``, the position in the script."""
+    """The step's label; steps without one are ``#3``, the position in the script. What an ``until`` step calls
+    meanwhile has ``/ping`` or ``/by`` behind it."""
     index: int = 0
     """0, 1... for a repeated step."""
     op: str

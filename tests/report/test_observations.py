@@ -25,8 +25,10 @@ def trace(*records: AnyRecord) -> Trace:
     return Trace(header, records)
 
 
-def act(op: str, entity: str, result: Any, session: str = "sub", raised: str = "", **args: Any) -> Act:
-    return Act(label="a", op=op, session=session, entity=entity, args=args, due=0, begin=0, end=1, result=result,
+def act(
+    op: str, entity: str, result: Any, session: str = "sub", raised: str = "", label: str = "a", **args: Any
+) -> Act:
+    return Act(label=label, op=op, session=session, entity=entity, args=args, due=0, begin=0, end=1, result=result,
                raised=raised)  # fmt: skip
 
 
@@ -126,6 +128,11 @@ def test_a_ping_without_time_is_no_observation() -> None:
     found = cases(
         act("ping", "", -2, timeout_ms=0), act("ping", "", 0, timeout_ms=130), stop, act("ping", "", -2, timeout_ms=0)
     )
+    assert found == [("ping", "session", None, "reachable", 0)]
+
+
+def test_a_ping_of_who_waits_for_an_answer_is_no_observation() -> None:
+    found = cases(act("ping", "", -2, label="back/ping"), act("ping", "", 0, label="back/ping"), act("ping", "", 0))
     assert found == [("ping", "session", None, "reachable", 0)]
 
 
