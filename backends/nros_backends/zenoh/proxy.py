@@ -175,12 +175,16 @@ class _Side(asyncio.Protocol):
             self._transport.abort()
 
     def pump(self) -> None:
-        """Pass on whole frames, as far as the flow lets them."""
-        if self._partner is None:
-            return
+        """Pass on whole frames, and then the end, as far as the flow lets them."""
+        if self._partner is not None:
+            self._pass_on(self._partner)
+        if self._ended and not self._flow.held:
+            self._close()
+
+    def _pass_on(self, partner: _Side) -> None:
         while not self._flow.held and (self._rest or len(self._received) >= _LENGTH):
             if self._rest:  # looked at each time: the flow may be released at any moment
-                self._partner._send(self._rest)
+                partner._send(self._rest)
                 self._rest = b""
                 continue
             size = _LENGTH + int.from_bytes(self._received[:_LENGTH], "little")
@@ -195,29 +199,27 @@ class _Side(asyncio.Protocol):
             elif self._flow.takes_out(frame):
                 # Who has just sent data sends no sign of life, and a lease must not run out because data got lost.
                 frame = _KEEP_ALIVE
-            self._forward(frame)
-        if self._ended and not self._flow.held:
-            self._end()
+            self._forward(frame, partner)
 
-    def _forward(self, frame: bytes) -> None:
-        assert self._partner is not None
+    def _forward(self, frame: bytes, partner: _Side) -> None:
         now = time.monotonic()
         due = max(now + self._flow.delay_ns / 1e9, self._last_due + 1e-7)  # in order
         if due <= now + 1e-6:
-            self._partner._send(frame)
+            partner._send(frame)
         else:  # also what must not overtake a delayed one
             self._last_due = due
-            asyncio.get_running_loop().call_at(due, self._partner._send, frame)
+            asyncio.get_running_loop().call_at(due, partner._send, frame)
 
     def _send(self, data: bytes) -> None:
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(data)
 
     def _end(self) -> None:
-        """The connection has ended: the partner's ends too, unless that news is held up."""
+        """The connection has ended: the partner's ends too, after what has waited, unless that news is held up."""
         self._ended = True
-        if self._flow.held:
-            return
+        self.pump()
+
+    def _close(self) -> None:
         for side in (self, self._partner):
             if side is not None:
                 self._proxy._sides.discard(side)

@@ -95,6 +95,19 @@ def test_an_end_is_held_up_too(line: Line) -> None:
     assert line.far.recv(1) == b""
 
 
+def test_what_has_waited_passes_before_an_end_that_comes_while_it_is_released(line: Line) -> None:
+    line.proxy.out.held = True
+    line.client.sendall(frame("last"))
+    limit = time.monotonic() + 20
+    while not any(side._received for side in tuple(line.proxy._sides)):
+        assert time.monotonic() < limit
+        time.sleep(0.001)
+    line.proxy.out.held = False  # the first that `release` does
+    line.client.close()
+    receive(line.far, "last")
+    assert line.far.recv(1) == b""
+
+
 def test_a_blocked_proxy_refuses_new_connections(line: Line) -> None:
     line.proxy.back.held = True
     with socket.create_connection(("127.0.0.1", line.proxy.port), timeout=5) as late:
