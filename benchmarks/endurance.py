@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import gc
-import os
 import sys
 import tempfile
 import threading
@@ -24,6 +22,7 @@ from nros_conformance.campaign.selection import Selection, decide
 from nros_conformance.play.adapters import load_adapter
 from nros_conformance.play.leases import lease_ports
 from nros_conformance.play.player import play
+from nros_conformance.play.process import QUANTITIES
 from nros_conformance.rmw.clock import MonotonicClock
 from nros_conformance.rmw.discovery import find_backend
 from nros_conformance.suite.loader import load_suites
@@ -67,15 +66,10 @@ LIBC.mallinfo2.restype = Heap
 
 
 def read() -> Reading:
-    """Now, after a collection, and after free pages have been given back: those are no leak."""
-    gc.collect()
-    LIBC.malloc_trim(0)
-    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines())
+    """Now, as scenarios measure it: after a collection, and without free pages, which are no leak."""
+    threads, descriptors, memory = (QUANTITIES[what]() for what in ("threads", "descriptors", "memory"))
     heap = LIBC.mallinfo2()
-    return Reading(
-        int(status["Threads"]), len(os.listdir("/proc/self/fd")), int(status["VmRSS"].split()[0]),  # noqa: PTH208
-        round((heap.uordblks + heap.hblkhd) / 1024, 1),
-    )  # fmt: skip
+    return Reading(threads, descriptors, memory // 1024, round((heap.uordblks + heap.hblkhd) / 1024, 1))
 
 
 def main() -> None:

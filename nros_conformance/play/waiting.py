@@ -11,6 +11,7 @@ from nros_conformance.play.stage import Stage
 from nros_conformance.rmw.clock import MS
 from nros_conformance.rmw.codes import ReturnCode
 from nros_conformance.suite.schema import Until
+from nros_conformance.trace.records import WAITING_BY, WAITING_PING
 
 _LOOK_NS = 2 * MS
 """How often the condition is looked at."""
@@ -19,7 +20,7 @@ Publish = Callable[[Actor, str, int | None, dict[str, Any]], int]
 
 
 class Waiting:
-    """Waits on one stage; what it calls meanwhile is recorded under the step's label and ``/ping`` or ``/by``."""
+    """Waits on one stage; its calls meanwhile have `WAITING_PING` or `WAITING_BY` behind the label of the step."""
 
     def __init__(self, stage: Stage, publish: Publish) -> None:
         self._stage = stage
@@ -71,16 +72,16 @@ class Waiting:
                 # Between two connections there is nothing to publish with.
                 return self._publish(actor, label, None, args) if actor.exists else None
 
-            answers.append(self._call(actor.driver, "publish", f"{label}/by", publish, actor.name, args))
+            answers.append(self._call(actor.driver, "publish", label + WAITING_BY, publish, actor.name, args))
         if step.until == "reachable":
             run = lambda: stage.probe("", timeout_ms, 1)  # noqa: E731
-            return self._call(stage.lobby, "ping", f"{label}/ping", run) == ReturnCode.OK
+            return self._call(stage.lobby, "ping", label + WAITING_PING, run) == ReturnCode.OK
         if step.until != "reported":
             return False
         session = stage.drivers[step.session or ""].session
         if session is not None:
             driver = stage.drivers[step.session or ""]
-            answers.append(self._call(driver, "ping", f"{label}/ping", lambda: int(session.ping(timeout_ms, 1))))
+            answers.append(self._call(driver, "ping", label + WAITING_PING, lambda: int(session.ping(timeout_ms, 1))))
         return any(answer not in (None, ReturnCode.OK, ReturnCode.UNSUPPORTED) for answer in answers)
 
     def _call(

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from nros_conformance.report.results import Case, Observation
 from nros_conformance.rmw.events import KIND_BY_LABEL, EventKind
 from nros_conformance.rmw.qos import is_finite
-from nros_conformance.trace.records import Act, Event, FaultRecord, Registered, State, Trace
+from nros_conformance.trace.records import WAITING_PING, Act, Event, FaultRecord, Registered, State, Trace
 
 _SILENCING = {"stop": "start", "partition": "heal", "block": "heal", "delay": "heal", "freeze": "thaw", "crash": ""}
 """Faults after which the peer does not answer the session that they hit (``stop``: anybody), and what ends them."""
@@ -115,7 +115,7 @@ def _right(side: str, kind: int) -> bool:
 
 def _once(ping: Act) -> bool:
     """Whether it was asked for its answer, and had time to be answered in."""
-    return ping.args.get("timeout_ms") != 0 and not ping.label.endswith("/ping")
+    return ping.args.get("timeout_ms") != 0 and not ping.label.endswith(WAITING_PING)
 
 
 def _case(act: Act, side: str, kind: int, entities: Mapping[str, Mapping[str, Any]]) -> Case:

@@ -13,6 +13,9 @@ from msgspec import Struct, field
 
 FORMAT = 1
 
+WAITING_PING, WAITING_BY = "/ping", "/by"
+"""Behind the label of an ``until`` step: the calls that it makes while it waits."""
+
 
 class Record(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="rec"):
     """Common to all records: ``rec`` names the type. Unknown keys are ignored, so that the format can grow."""
@@ -54,8 +57,8 @@ class Act(Record, frozen=True, kw_only=True, tag="act"):
     """A call that the script made. It took effect somewhere in [begin, end]."""
 
     label: str
-    """The step's label; steps without one are ``#3``, the position in the script. What an ``until`` step calls
-    meanwhile has ``/ping`` or ``/by`` behind it."""
+    """The step's label, for what an ``until`` step calls meanwhile with `WAITING_PING` or `WAITING_BY` behind it;
+    steps without one are ``#3``, the position in the script."""
     index: int = 0
     """0, 1... for a repeated step."""
     op: str

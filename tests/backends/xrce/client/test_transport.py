@@ -48,7 +48,7 @@ def assert_right(offset_ns: int | None) -> None:
     """That the wall clock is so far ahead of the monotonic one."""
     before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
     assert offset_ns is not None
-    assert wall - after - 5 * MS < offset_ns < wall - before + 5 * MS
+    assert wall - after - 2 * MS < offset_ns < wall - before + 2 * MS
 
 
 @linux
